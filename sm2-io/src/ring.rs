@@ -9,7 +9,7 @@ use std::io;
 use std::os::fd::{AsFd, BorrowedFd, OwnedFd};
 
 use sm2_proto::Seals;
-use sm2_proto::link::{At, RingLayout, RingMemory};
+use sm2_proto::link::{At, CELL_WORDS, RingLayout, RingMemory};
 
 use crate::mapping::writable::MappingMut;
 use crate::memfd::RingFile;
@@ -67,6 +67,16 @@ impl Ring {
         let offset = self.layout.offset(at).expect("a word of the layout");
         &self.mapping.words()[(offset / 8) as usize]
     }
+
+    /// The first words of a cell behind its forward word.
+    #[inline]
+    fn cell(&self, index: u32, words: usize) -> &[AtomicU64] {
+        assert!(words <= CELL_WORDS, "{words} words of a cell");
+        let at = At::Forward(index);
+        let offset = self.layout.offset(at).expect("a cell of the layout");
+        let first = (offset / 8) as usize + 1;
+        &self.mapping.words()[first..first + words]
+    }
 }
 
 impl RingMemory for Ring {
@@ -86,12 +96,27 @@ impl RingMemory for Ring {
     }
 
     #[inline]
+    fn write_cell(&self, index: u32, words: &[u64]) {
+        atomic::write(self.cell(index, words.len()), words);
+    }
+
+    #[inline]
+    fn read_cell(&self, index: u32, words: &mut [u64]) {
+        atomic::read(self.cell(index, words.len()), words);
+    }
+
+    #[inline]
     fn fence(&self) {
         atomic::order();
     }
 
     #[inline]
     fn prefetch(&self, at: At) {
-        prefetch_to_write(std::ptr::from_ref(self.word(at)).cast());
+        let word = std::ptr::from_ref(self.word(at)).cast::<u8>();
+        prefetch_to_write(word);
+        if let At::Forward(_) = at {
+            // The second line of the cell.
+            prefetch_to_write(word.wrapping_add(64));
+        }
     }
 }

@@ -11,7 +11,8 @@ use sm2_io::memfd::Side;
 use sm2_proto::{Contract, Instant, Kind, Name, ServiceQos, TypeId};
 
 use crate::driver::{
-    CallId, Choice, Drive, Needs, Outcome, PoolLimit, SharedInterface, SharedNode, WaitFailure,
+    CallBody, CallId, Choice, Drive, Needs, Outcome, PoolLimit, SharedInterface, SharedNode,
+    WaitFailure,
 };
 use crate::executor::runs;
 use crate::handle::declaration::{
@@ -166,7 +167,8 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> Client<Q, R> {
         let call = self.handle.with(Drive::No, |interface, context| {
             match interface.calls.choose_server(len, &interface.links) {
                 Choice::Link { token, .. } => {
-                    Ok(interface.call(token, forms, len, deadline, context))
+                    let body = CallBody::Stored(forms);
+                    Ok(interface.call(token, body, len, deadline, context))
                 }
                 other => {
                     interface.drop_forms(forms, context);
@@ -392,7 +394,8 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> ClientBuilder<Q, R> {
         }
     }
 
-    /// Sets how many pending calls and replies the program may hold per server: 1 to 1,024; 64 by default.
+    /// Sets how many pending calls and replies the program may hold per server: 1 to 1,024; 64 by default. Replies
+    /// [in cells](crate#how-a-message-travels) do not count.
     pub const fn max_borrowed(mut self, calls: u16) -> Self {
         self.qos.max_borrowed = calls;
         self

@@ -181,8 +181,13 @@
 //! | form | which messages | cost |
 //! | --- | --- | --- |
 //! | inline | up to `inline_max` bytes, on the socket lane | a copy for each receiver |
-//! | pooled | longer ones, and all by a ring | one copy into a slot that all receivers read; none for a [`Loan`] |
+//! | in a cell | up to 104 bytes, by a ring | a copy into the ring of each receiver, and one out of it |
+//! | pooled | longer ones, all others by a ring | one copy into a slot that all receivers read; none for a [`Loan`] |
 //! | sealed | longer ones, on sealed links | new, immutable memory for each message |
+//!
+//! A received message in a cell (SM2-RNG-013) is a copy: it holds nothing of its sender, and does not count for
+//! `max_borrowed`. A publisher uses slots instead for a [`Loan`], if it is [latched](PublisherBuilder::latched) or has
+//! a [lifespan](PublisherBuilder::lifespan), and while one of its links takes no message.
 //!
 //! A link is sealed if either side or the Manager (`--seal-all`) requires it, or if its two nodes belong to
 //! different users.

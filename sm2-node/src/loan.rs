@@ -169,7 +169,7 @@ fn without_pool(
     match is_full
         && publisher
             .handle
-            .with_undriven(|interface, _| interface.links.has_in_flight())
+            .with_undriven(|interface, _| interface.links.hold_memory())
     {
         true => Ok(Memory::Heap(AlignedBuffer::zeroed(len))),
         false => Err(error),

@@ -164,6 +164,8 @@ impl<'a> SharedBytes<'a> {
 #[derive(Debug)]
 pub(crate) enum Source {
     Inline(Bytes),
+    /// The copy of a cell that the message holds.
+    Cell,
     /// `len` bytes at `offset` of the segment that the message holds.
     Pooled {
         offset: u64,
@@ -194,6 +196,13 @@ impl Source {
     pub(crate) unsafe fn open(self, held: &Held) -> io::Result<MessageBytes> {
         match self {
             Self::Inline(bytes) => Ok(MessageBytes::Stable(Payload::inline(bytes))),
+            Self::Cell => {
+                let Held::Cell(copy) = held else {
+                    return Err(io::ErrorKind::NotFound.into());
+                };
+                // SAFETY: the caller makes the same promise; the copy is not written while `held` holds it.
+                Ok(MessageBytes::Pooled(unsafe { PooledBytes::of_copy(copy) }))
+            }
             Self::Pooled { offset, len } => {
                 let Held::Segment(segment) = held else {
                     return Err(io::ErrorKind::NotFound.into());

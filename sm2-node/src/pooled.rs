@@ -4,12 +4,14 @@
 use std::fmt;
 use std::ops::Deref;
 use std::ptr::NonNull;
+use std::sync::Arc;
 
 use sm2_io::mapping::{copy_from_range, copy_range, part_of};
 
+use crate::driver::CellCopy;
 use crate::quota::MappedSegment;
 
-/// The bytes of a message in a slot. Dereferences to them.
+/// The bytes of a message in a slot, or in the copy of a cell. Dereferences to them.
 ///
 /// Another value of the program, which is dropped later, holds the message and its segment.
 pub struct PooledBytes(NonNull<[u8]>);
@@ -29,6 +31,16 @@ impl PooledBytes {
     #[inline]
     pub(crate) unsafe fn new(segment: &MappedSegment, offset: u64, len: u64) -> Option<Self> {
         segment.range(offset, len).map(Self)
+    }
+
+    /// Returns the bytes of a message that came in a cell.
+    ///
+    /// # Safety
+    ///
+    /// Before the result is dropped, a reference count of the copy is held.
+    #[inline]
+    pub(crate) unsafe fn of_copy(copy: &Arc<CellCopy>) -> Self {
+        Self(NonNull::from(&*copy.bytes))
     }
 
     /// The number of bytes.

@@ -23,7 +23,8 @@ pub use self::builder::PublisherBuilder;
 
 /// Sends messages of type `T` to all subscribers of a topic.
 ///
-/// Each message is stored once, for any number of subscribers. A best-effort subscriber that is slow, stopped
+/// Each message is stored once, for any number of subscribers, or copied to each of them if it is
+/// [short](crate#how-a-message-travels). A best-effort subscriber that is slow, stopped
 /// or dead does not affect the others: its own link drops the messages that it does not take, and counts them
 /// ([`links`](Self::links)). A reliable one can delay [`publish`](Self::publish).
 ///
@@ -143,7 +144,8 @@ impl<T: Message + ?Sized> Publisher<T> {
     }
 
     /// Waits, without a time limit, until no message waits in the publisher. A reliable subscriber has then
-    /// released every message, and any other subscriber was sent every message that keep-last left.
+    /// released every message, and any other subscriber was sent every message that keep-last left. A message
+    /// [in a cell](crate#how-a-message-travels) is released when it is taken.
     ///
     /// # Errors
     ///

@@ -13,7 +13,8 @@ use crate::{Message, RecvError};
 /// The memory does not change as long as the sample exists, even after the subscriber, the node, the
 /// publisher or the Manager has ended: the publisher must not write to a slot before it is released
 /// (SM2-PAY-005, SM2-OPN-010). A subscriber that does not trust the publisher requires
-/// [sealed](crate::SubscriberBuilder::sealed) messages.
+/// [sealed](crate::SubscriberBuilder::sealed) messages. A message that came
+/// [in a cell](crate#how-a-message-travels) is a copy, and was released when it was taken.
 ///
 /// ```
 /// # fn main() -> Result<(), Box<dyn std::error::Error>> {

@@ -11,7 +11,9 @@ use sm2_proto::control::LinkPeer;
 use sm2_proto::link::Status;
 use sm2_proto::{Contract, Instant, Kind, Name, ServiceQos, TypeId};
 
-use crate::driver::{CallId, DeclaredInterface, Drive, Needs, PoolLimit, SharedNode, Until};
+use crate::driver::{
+    CallBody, CallId, DeclaredInterface, Drive, Needs, PoolLimit, SharedNode, Until,
+};
 use crate::handle::Handle;
 use crate::handle::declaration::{
     Declaration, inline_max_setter, max_len_setter, schema_of, sealed_setter, wait_setter,
@@ -274,7 +276,8 @@ impl Pending {
             Err(error) => return Err(self.not_stored(error, needs)),
         };
         let sent = self.handle.with(Drive::No, |interface, context| {
-            interface.reply(call, forms, len, status, context)
+            let body = CallBody::Stored(forms);
+            interface.reply(call, body, len, status, context)
         });
         let result = if sent { Ok(()) } else { Err(gone()) };
         self.answered = true;
@@ -301,7 +304,8 @@ impl Pending {
         match self.handle.store(reason.as_bytes().into(), needs) {
             Ok(forms) => {
                 self.handle.with(Drive::No, |interface, context| {
-                    interface.reply(call, forms, len, Status::Failed, context)
+                    let body = CallBody::Stored(forms);
+                    interface.reply(call, body, len, Status::Failed, context)
                 });
                 self.answered = true;
             }
@@ -373,7 +377,8 @@ impl<Q: Message + ?Sized, R: Message + ?Sized> ServerBuilder<Q, R> {
         self
     }
 
-    /// Sets how many requests of each client the program may hold: 1 to 1,024; 16 by default.
+    /// Sets how many requests of each client the program may hold: 1 to 1,024; 16 by default. Requests
+    /// [in cells](crate#how-a-message-travels) do not count.
     pub const fn max_borrowed(mut self, requests: u16) -> Self {
         self.qos.max_borrowed = requests;
         self

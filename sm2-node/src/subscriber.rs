@@ -19,7 +19,8 @@ use crate::{DeclareError, Message, RecvError, Sample, Wait};
 /// Up to `depth` messages of each publisher wait to be taken; a newer message displaces the oldest
 /// (SM2-QOS-001), unless the subscriber is reliable. A taken message is borrowed until its [`Sample`] is
 /// dropped. While the program holds `max_borrowed` messages of a publisher, it gets no further ones
-/// (SM2-MSG-005); other subscribers are not affected.
+/// (SM2-MSG-005); other subscribers are not affected. Short messages [in cells](crate#how-a-message-travels) are
+/// copies, which are not borrowed.
 ///
 /// The subscriber's [descriptor](std::os::fd::AsFd) is readable when [`try_recv`](Self::try_recv) may have a
 /// message: take messages until there is none, then poll again.
@@ -249,7 +250,8 @@ impl<T: Message + ?Sized> SubscriberBuilder<T> {
         self
     }
 
-    /// Sets how many samples of each publisher the program may hold: 1 to 1,024; 4 by default.
+    /// Sets how many samples of each publisher the program may hold: 1 to 1,024; 4 by default. Samples of messages
+    /// [in cells](crate#how-a-message-travels) do not count.
     ///
     /// A subscriber that needs only the latest message can use `depth(1).max_borrowed(1)`: its publishers
     /// then need the fewest slots. Drop each sample before you take the next one.

@@ -62,6 +62,7 @@ mod fd;
 #[cfg(feature = "fuzzing")]
 pub mod fuzz;
 pub mod gateway;
+mod growing_map;
 mod ids;
 pub mod limits;
 pub mod link;
@@ -88,6 +89,7 @@ pub use code::{Code, Farewell, ViolationKind};
 pub use contract::{Contract, DemandedQos, Kind, OfferedQos, QosError, ServiceQos, TypeId};
 pub use datagram::Datagram;
 pub use fd::{FdFacts, Seals};
+pub use growing_map::GrowingMap;
 pub use ids::{EntityId, InterfaceId, LinkId, LinkKey, NodeId};
 pub use machine::{Error, Machine, MisuseError};
 pub use matching::{LinkQos, Mismatch, match_contracts};

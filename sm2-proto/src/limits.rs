@@ -57,6 +57,8 @@ pub const RING_SEGMENTS_MAX: u32 = 32_768;
 pub const RING_DISPLACED_MAX: u32 = 1 << 31;
 /// The length of the head at the end of a slot, in bytes.
 pub const SLOT_HEAD: usize = 64;
+/// The greatest number of payload bytes of a message in a cell of a ring.
+pub const CELL_MAX: usize = 104;
 /// The size of items that ends a PAGE of the Manager, in bytes.
 pub const PAGE_BYTES: usize = 32_768;
 /// The longest text that a Manager sends with RELOADED, in bytes.

@@ -1,4 +1,4 @@
-//! The operations on one word that two processes write.
+//! The operations on words that two processes write.
 //!
 //! `verification/loom` runs this file, as it is, through many executions that the memory
 //! model allows. Words are little-endian.
@@ -31,6 +31,27 @@ pub(super) fn take(word: &AtomicU64, bits: u64) -> bool {
     // reads nothing that the caller uses, so it is relaxed.
     let taken = word.compare_exchange(bits.to_le(), 0, Ordering::AcqRel, Ordering::Relaxed);
     taken.is_ok()
+}
+
+/// Writes the words of a cell.
+#[inline]
+pub(super) fn write(cell: &[AtomicU64], words: &[u64]) {
+    for (place, word) in cell.iter().zip(words) {
+        // Relaxed: the `swap` of the forward word that follows releases it. The `load` or `swap` that found the forward
+        // word empty has acquired the `take` of the message before, so that the reads of that one are over.
+        place.store(word.to_le(), Ordering::Relaxed);
+    }
+}
+
+/// Reads the words of a cell.
+#[inline]
+pub(super) fn read(cell: &[AtomicU64], words: &mut [u64]) {
+    for (word, place) in words.iter_mut().zip(cell) {
+        // Relaxed: the `load` of the forward word has acquired them. If the sender writes them again meanwhile, it has
+        // swapped the forward word out before, and the `take` that follows fails. If that succeeds, it releases these
+        // reads.
+        *word = u64::from_le(place.load(Ordering::Relaxed));
+    }
 }
 
 /// Orders the writes before it against the reads after it, for all threads alike.

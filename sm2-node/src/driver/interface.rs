@@ -30,6 +30,7 @@ use self::links::{Links, QosCounts};
 pub(crate) use self::publish::Offered;
 use self::qos::QosMonitor;
 use self::reports::Reports;
+pub(crate) use self::service::CallBody;
 pub(crate) use self::taken::{Full, Header, Taken};
 use super::context::Context;
 use super::leftovers::Leftover;

@@ -4,6 +4,7 @@
 //! the machine from transmitting. A failure ends only the link where it occurs.
 
 mod account;
+mod cells;
 mod counting;
 mod mapped;
 mod qos;
@@ -22,6 +23,7 @@ use sm2_proto::link::{self, At, Counters, End, Link, Role};
 use sm2_proto::{Code, Farewell, Instant, LinkId};
 
 use self::account::LinkAccount;
+use self::cells::Cells;
 use self::counting::LinkCounting;
 use self::mapped::{Mapped, make_ring};
 use self::wire::Wire;
@@ -43,6 +45,8 @@ pub(crate) struct LinkDriver {
     machine: Link,
     /// The rings and segments that both sides map.
     mapped: Mapped,
+    /// The copies of messages that came in cells.
+    cells: Cells,
     /// The bytes that may be mapped for the peer.
     quota: Arc<PeerQuota>,
     /// The files of sealed messages that were not taken yet, by sequence number.
@@ -109,6 +113,7 @@ impl LinkDriver {
             wire: Some(Wire::new(socket, token, own_ring)),
             machine: Link::new(config),
             mapped,
+            cells: Cells::default(),
             quota,
             kept: HashMap::new(),
             backlog: Backlog::default(),

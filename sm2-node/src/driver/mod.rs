@@ -72,10 +72,11 @@ pub(crate) use self::control::Control;
 pub(crate) use self::control_bell::ControlBell;
 pub(crate) use self::event_sets::NodeSets;
 pub(crate) use self::interface::{
-    CallId, Choice, Condition, DeclaredInterface, Full, Header, Offered, Outcome, State, Taken,
+    CallBody, CallId, Choice, Condition, DeclaredInterface, Full, Header, Offered, Outcome, State,
+    Taken,
 };
 pub(crate) use self::limits::SHORTAGE_PAUSE;
-pub(crate) use self::origin::{Held, Origin};
+pub(crate) use self::origin::{CellCopy, Held, Origin};
 pub(crate) use self::outbox::{Forms, Needs, NoSlot, PoolLimit, Reservation, Reserved};
 pub(crate) use self::questions::{Answer, Followed, Lost, Question, Ticket};
 pub(crate) use self::session::{NotDeclared, may_return};

@@ -5,6 +5,7 @@ use std::ops::Deref;
 use std::sync::{Arc, Weak};
 
 use sm2_proto::control::LinkPeer;
+use sm2_proto::link::CellBytes;
 
 use super::token::LinkToken;
 use crate::quota::MappedSegment;
@@ -26,11 +27,29 @@ pub(crate) struct LinkSegment {
     pub(crate) mapping: MappedSegment,
 }
 
-/// The hold of a message on its link, and on the segment of its payload. Dereferences to the origin.
+/// The copy of a message that came in a cell of a ring. Only its message reads it; it is written again once that is
+/// dropped.
+#[derive(Debug)]
+pub(crate) struct CellCopy {
+    pub(crate) bytes: CellBytes,
+    pub(crate) origin: Arc<Origin>,
+}
+
+/// The hold of a message on its link, and on the memory of its payload. Dereferences to the origin.
 #[derive(Debug)]
 pub(crate) enum Held {
     Link(Arc<Origin>),
     Segment(Arc<LinkSegment>),
+    Cell(Arc<CellCopy>),
+}
+
+impl Held {
+    /// Whether the sender waits until the message is released.
+    //= SM2-RNG-013
+    #[inline]
+    pub(crate) const fn is_released(&self) -> bool {
+        !matches!(self, Self::Cell(_))
+    }
 }
 
 impl Deref for Held {
@@ -41,6 +60,7 @@ impl Deref for Held {
         match self {
             Self::Link(origin) => origin,
             Self::Segment(segment) => &segment.origin,
+            Self::Cell(copy) => &copy.origin,
         }
     }
 }

@@ -44,8 +44,7 @@ impl Handle {
         taken: Vec<Taken>,
         mut each: impl FnMut(Result<Received, RecvError>),
     ) {
-        let place = |it: &Taken| (it.origin.token, it.header.sequence);
-        let mut places: Vec<_> = taken.iter().map(place).collect();
+        let mut places: Vec<_> = taken.iter().filter_map(Taken::place).collect();
         // The messages of one link are one batch. The sort keeps their order.
         places.sort_by_key(|it| it.0);
         let _lent = Lent {
@@ -92,6 +91,9 @@ struct Lent<'a> {
 impl Drop for Lent<'_> {
     //= SM2-MSG-005
     fn drop(&mut self) {
+        if self.places.is_empty() {
+            return;
+        }
         self.handle.with_undriven(|interface, context| {
             interface.give_back_all(&self.places, context);
         });

@@ -94,6 +94,7 @@ impl Handle {
             header,
             source,
         } = taken;
+        let sequence = if origin.is_released() { sequence } else { 0 };
         let receipt = Receipt { origin, sequence };
         // SAFETY: only `receipt`, or the `Lent` of its batch, releases the message, and `receipt` holds its
         // segment. `Received`, `Sample`, `Request` and `Reply` drop the bytes before the receipt, as do the
@@ -160,7 +161,7 @@ impl Unreadable {
 #[derive(Debug)]
 pub(crate) struct Receipt {
     origin: Held,
-    /// The number of the message on its link, from 1; 0 if another value releases the message.
+    /// The number of the message on its link, from 1; 0 if another value releases the message, or it needs no release.
     sequence: u64,
 }
 

@@ -235,7 +235,7 @@ impl<'a, S> Inputs<'a, S> {
         for subscription in &mut self.subscriptions {
             let mut last = None;
             loop {
-                subscription.take().map_err(InputsError::Receive)?;
+                subscription.take(turn.cut).map_err(InputsError::Receive)?;
                 let Some((index, place)) = subscription.first(turn.cut) else {
                     break;
                 };

@@ -11,12 +11,16 @@ use crate::{Message, RecvError, Sample, Subscriber};
 /// number of the publication.
 pub(super) type Place = (Name, Instant, u64);
 
+/// How many messages are taken before their turn: a publisher of short ones, which are not held, could be faster than
+/// they are taken.
+const AHEAD_MAX: usize = 1_024;
+
 /// A subscriber with the callback for its messages.
 pub(super) trait Subscription<S> {
     fn topic(&self) -> &Name;
 
-    /// Takes the available messages, as many as the program may hold.
-    fn take(&mut self) -> Result<(), RecvError>;
+    /// Takes the available messages, as many as the program may hold, and not many that were published after `cut`.
+    fn take(&mut self, cut: Instant) -> Result<(), RecvError>;
 
     /// The first one of the taken messages that were published until `cut`: its index and its place.
     fn first(&self, cut: Instant) -> Option<(usize, Place)>;
@@ -52,15 +56,21 @@ where
         self.subscriber.topic()
     }
 
-    fn take(&mut self) -> Result<(), RecvError> {
-        loop {
+    fn take(&mut self, cut: Instant) -> Result<(), RecvError> {
+        let is_ahead = |sample: &Sample<T>| sample.source_time() > cut;
+        let mut ahead = self.taken.iter().filter(|it| is_ahead(it)).count();
+        while ahead < AHEAD_MAX {
             match self.subscriber.try_recv() {
-                Ok(Some(sample)) => self.taken.push(sample),
+                Ok(Some(sample)) => {
+                    ahead += usize::from(is_ahead(&sample));
+                    self.taken.push(sample);
+                }
                 // The messages that are held are handled first.
-                Ok(None) | Err(RecvError::TooManyBorrowed { .. }) => return Ok(()),
+                Ok(None) | Err(RecvError::TooManyBorrowed { .. }) => break,
                 Err(error) => return Err(error),
             }
         }
+        Ok(())
     }
 
     fn first(&self, cut: Instant) -> Option<(usize, Place)> {
@@ -89,5 +99,39 @@ where
 
     fn lost_before(&self, index: usize) -> u64 {
         self.taken[index].lost()
+    }
+}
+
+#[cfg(all(test, feature = "embedded-manager"))]
+mod tests {
+    use super::*;
+    use crate::testing::TestDomain;
+
+    /// A publisher that goes on for ever does not keep a turn from its end.
+    #[test]
+    fn few_messages_are_taken_before_their_turn() {
+        let domain = TestDomain::new().unwrap();
+        let publisher = domain.node("talker").unwrap();
+        let publisher = publisher.publisher_builder::<u64>("topic").depth(1_024);
+        let publisher = publisher.declare().unwrap();
+        let subscriber = domain.node("listener").unwrap();
+        let subscriber = subscriber.subscriber_builder::<u64>("topic").depth(1_024);
+        let subscriber = subscriber.max_borrowed(1_024).declare().unwrap();
+        publisher.wait_for_subscribers(1).unwrap();
+        let mut callback = Callback {
+            subscriber,
+            callback: |(): &mut (), _: Sample<u64>, _: DomainTime| Ok(()),
+            taken: Vec::new(),
+        };
+        let publish = |number| publisher.publish(&number).unwrap();
+        (0..1_000).for_each(|number| assert_eq!(publish(number).links, 1));
+        let cut = crate::now();
+        Subscription::<()>::take(&mut callback, cut).unwrap();
+        assert_eq!(callback.taken.len(), 1_000, "all of this turn");
+        for _ in 0..3 {
+            (0..1_000).for_each(|number| assert_eq!(publish(number).links, 1));
+            Subscription::<()>::take(&mut callback, cut).unwrap();
+        }
+        assert_eq!(callback.taken.len(), 1_000 + AHEAD_MAX);
     }
 }

@@ -3,16 +3,16 @@
 #[cfg(any(kani, test))]
 mod proofs;
 
-use alloc::collections::{BTreeMap, BTreeSet};
+use alloc::collections::BTreeSet;
 use core::mem;
 
 use super::{Misuse, Status};
-use crate::{Violation, limits::CALLS_MAX};
+use crate::{GrowingMap, Violation, limits::CALLS_MAX};
 
 /// The calls that a caller made.
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
 pub(super) struct Placed {
-    calls: BTreeMap<u64, Call>,
+    calls: GrowingMap<u64, Call>,
     /// The calls that need a CANCEL.
     cancels: BTreeSet<u64>,
 }
@@ -43,7 +43,7 @@ impl Placed {
 
     /// Records that the REQUEST of this call was sent.
     pub(super) fn sent(&mut self, call: u64) {
-        if let Some(state) = self.calls.get_mut(&call) {
+        if let Some(state) = self.calls.get_mut(call) {
             state.sent = true;
             if state.cancelled {
                 self.cancels.insert(call);
@@ -55,7 +55,7 @@ impl Placed {
     /// call that already has its reply is not affected.
     //= SM2-SRV-003
     pub(super) fn cancel(&mut self, call: u64, last: Option<u64>) -> Result<(), Misuse> {
-        match self.calls.get_mut(&call) {
+        match self.calls.get_mut(call) {
             Some(state) if state.cancelled => Ok(()),
             Some(state) => {
                 state.cancelled = true;
@@ -72,7 +72,7 @@ impl Placed {
     /// Checks whether this REPLY is legal now.
     //= SM2-SRV-002
     pub(super) fn check_reply(&self, call: u64, status: Status, len: u64) -> Result<(), Violation> {
-        if !self.calls.get(&call).is_some_and(|state| state.sent) {
+        if !self.calls.get(call).is_some_and(|state| state.sent) {
             return Err(violation!(UnknownCall, "SM2-SRV-002"));
         }
         if !status.has_payload() && len != 0 {
@@ -83,7 +83,7 @@ impl Placed {
 
     /// Records a REPLY that came.
     pub(super) fn replied(&mut self, call: u64) {
-        self.calls.remove(&call);
+        self.calls.remove(call);
         self.cancels.remove(&call);
     }
 
@@ -112,9 +112,9 @@ impl Placed {
     /// Checks the invariants, which hold after each call.
     pub(super) fn invariants(&self) {
         debug_assert!(self.calls.len() <= CALLS_MAX);
-        let is_due = |call| {
+        let is_due = |call: &u64| {
             self.calls
-                .get(call)
+                .get(*call)
                 .is_some_and(|it| it.sent && it.cancelled)
         };
         debug_assert!(self.cancels.iter().all(is_due));
@@ -125,7 +125,7 @@ impl Placed {
 #[derive(Clone, Debug, Default, PartialEq, Eq, Hash)]
 pub(super) struct Served {
     /// Every call whose REPLY the caller has not released.
-    calls: BTreeMap<u64, Got>,
+    calls: GrowingMap<u64, Got>,
     /// How many of these calls have no REPLY that was sent.
     open: usize,
     /// The id of the last REQUEST.
@@ -193,7 +193,7 @@ impl Served {
     pub(super) fn cancel(&mut self, call: u64) -> Result<bool, Violation> {
         let got = self
             .calls
-            .get_mut(&call)
+            .get_mut(call)
             .ok_or(violation!(UnknownCall, "SM2-SRV-003"))?;
         got.cancel().ok_or(violation!(BadCancel, "SM2-SRV-003"))
     }
@@ -203,7 +203,7 @@ impl Served {
     /// has to be told.
     //= SM2-RNG-011
     pub(super) fn cancel_of_ring(&mut self, call: u64, most: usize) -> Result<bool, Violation> {
-        if let Some(got) = self.calls.get_mut(&call) {
+        if let Some(got) = self.calls.get_mut(call) {
             return match got.cancel() {
                 Some(is_new) => Ok(is_new),
                 None => Err(violation!(BadCancel, "SM2-RNG-011")),
@@ -240,7 +240,7 @@ impl Served {
     /// Checks whether the application may reply.
     //= SM2-SRV-002
     pub(super) fn check(&self, call: u64) -> Result<(), Misuse> {
-        match self.calls.get(&call) {
+        match self.calls.get(call) {
             Some(Got {
                 reply: Reply::Owed, ..
             }) => Ok(()),
@@ -250,14 +250,14 @@ impl Served {
 
     /// Records that the application replied.
     pub(super) fn reply(&mut self, call: u64) {
-        if let Some(got) = self.calls.get_mut(&call) {
+        if let Some(got) = self.calls.get_mut(call) {
             got.reply = Reply::Queued;
         }
     }
 
     /// Records that the REPLY of this call was sent.
     pub(super) fn sent(&mut self, call: u64) {
-        if let Some(got) = self.calls.get_mut(&call)
+        if let Some(got) = self.calls.get_mut(call)
             && got.reply == Reply::Queued
         {
             got.reply = Reply::Sent;
@@ -267,7 +267,7 @@ impl Served {
 
     /// Records that the caller released the REPLY: no frame will name the call again.
     pub(super) fn released(&mut self, call: u64) {
-        self.calls.remove(&call);
+        self.calls.remove(call);
     }
 
     /// The number of calls without a reply that was sent.

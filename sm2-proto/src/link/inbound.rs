@@ -12,6 +12,8 @@ use alloc::{
     vec::Vec,
 };
 
+use core::convert::Infallible;
+
 use bytes::Bytes;
 
 use super::{
@@ -62,7 +64,7 @@ struct PeerSegment {
 
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 struct Ready {
-    delivery: Delivery,
+    delivery: Delivery<Infallible>,
     slot: Option<Slot>,
 }
 
@@ -197,7 +199,10 @@ impl Inbound {
         Ok(())
     }
 
-    fn check_form(&self, message: &MessageFrame<'_>) -> Result<(Payload, Option<Slot>), Violation> {
+    fn check_form<C>(
+        &self,
+        message: &MessageFrame<'_>,
+    ) -> Result<(Payload<C>, Option<Slot>), Violation> {
         match message.form {
             //= SM2-PAY-002
             Form::Inline if message.len > INLINE_MAX as u64 => {
@@ -272,7 +277,7 @@ impl Inbound {
 
     /// Takes the oldest ready message for the application.
     //= SM2-MSG-005
-    pub(super) fn take(&mut self) -> Result<Option<Delivery>, TooManyBorrowed> {
+    pub(super) fn take(&mut self) -> Result<Option<Delivery<Infallible>>, TooManyBorrowed> {
         let max_borrowed = self.max_borrowed;
         if self.ready.is_empty() {
             return Ok(None);

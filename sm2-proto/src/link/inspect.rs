@@ -1,10 +1,10 @@
 //! Methods that let a driver inspect a link at any time.
 
 use super::{
-    Config, Counters, End, LaneKind, Link, LinkMemory, Placement, Publications, lane::Lane,
+    Config, Counters, End, LaneKind, Link, LinkMemory, Placement, Publications, Role, lane::Lane,
     phase::Phase,
 };
-use crate::{Instant, Newest, QosWatch};
+use crate::{Instant, Newest, Period, QosWatch};
 
 impl Link {
     /// Whether [`poll`](crate::Machine::poll) may return an output. If this is `false`, `poll` returns
@@ -29,6 +29,25 @@ impl Link {
     #[inline]
     pub fn is_open(&self) -> bool {
         matches!(self.state, Ok(Phase::Open)) && !self.lane.awaits_ring()
+    }
+
+    /// Whether short messages can be sent in cells now: see [`send_in_cell`](Self::send_in_cell). On a reliable link of
+    /// a topic, there must also be [room](Self::has_room).
+    //= SM2-RNG-013
+    #[must_use]
+    #[inline]
+    pub fn takes_cells(&self, memory: &impl LinkMemory) -> bool {
+        let (Lane::Ring(ring), Some(words)) = (&self.lane, memory.outgoing()) else {
+            return false;
+        };
+        let Some(sender) = ring.sender() else {
+            return false;
+        };
+        let has_room = || match self.config.role {
+            Role::Sender => true,
+            _ => !ring.has_queued() && sender.has_room(words),
+        };
+        self.state.is_ok() && !self.blocked && self.config.lifespan == Period::NONE && has_room()
     }
 
     /// The reason why the link is over, if it is.

@@ -177,7 +177,10 @@ impl Link {
                 Some(_) => Ok(()),
                 None => Err(Misuse::BadSegment),
             },
-            Lane::Ring(ring) => ring.sender_mut().ok_or(Misuse::NotOpen)?.attach(segment),
+            Lane::Ring(ring) => {
+                let sender = ring.sender_mut().ok_or(Misuse::NotOpen)?;
+                sender.segments.attach(segment)
+            }
         }
     }
 
@@ -188,7 +191,9 @@ impl Link {
         match &mut self.lane {
             Lane::Undecided => Ok(()),
             Lane::Socket(socket) => socket.outbound.retire(segment),
-            Lane::Ring(ring) => ring.sender_mut().map_or(Ok(()), |it| it.retire(segment)),
+            Lane::Ring(ring) => {
+                (ring.sender_mut()).map_or(Ok(()), |it| it.segments.retire(segment))
+            }
         }
     }
 

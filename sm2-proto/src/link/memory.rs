@@ -131,6 +131,14 @@ impl RingMemory for NoRing {
         match self.0 {}
     }
 
+    fn write_cell(&self, _: u32, _: &[u64]) {
+        match self.0 {}
+    }
+
+    fn read_cell(&self, _: u32, _: &mut [u64]) {
+        match self.0 {}
+    }
+
     fn fence(&self) {
         match self.0 {}
     }

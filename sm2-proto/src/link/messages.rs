@@ -7,9 +7,9 @@ mod calls;
 mod ring;
 
 use super::{
-    At, Delivery, Error, Fate, Link, LinkMemory, Misuse, NoDelivery, OutboundMessage, Output,
-    RingMemory, RingMessage, Role, Wake, lane::Lane, machine::Over, socket_lane::SocketLane,
-    wire::Given,
+    At, CellMessage, CellView, Delivery, Error, Fate, Link, LinkMemory, Misuse, NoDelivery,
+    OutboundMessage, Output, RingMemory, RingMessage, Role, Wake, lane::Lane, machine::Over,
+    socket_lane::SocketLane, wire::Given,
 };
 use crate::limits::MESSAGE_MAX;
 
@@ -61,6 +61,27 @@ impl Link {
     ) -> Result<Wake, Error> {
         self.check_send(message.len)?;
         let result = self.send_by_ring(memory, message, &mut settled);
+        self.invariants();
+        result
+    }
+
+    /// Sends a short message in a cell of the ring, which needs no slot. Its fate is counted, but not passed to
+    /// `settled`, which gets those of the messages in slots that the call settles.
+    ///
+    /// # Errors
+    /// Those of [`send_in_slot`](Self::send_in_slot). [`Misuse::NotPooled`]: the messages of this link have a
+    /// [lifespan](super::Config::lifespan), so a receiver has to give them back. [`Misuse::NoRoom`] also occurs on
+    /// links of services: a request or reply that finds no room is sent in a slot, and waits in the machine.
+    //= SM2-RNG-013
+    #[inline]
+    pub fn send_in_cell(
+        &mut self,
+        memory: &impl LinkMemory,
+        message: &CellMessage<'_>,
+        mut settled: impl FnMut(u64, Fate),
+    ) -> Result<Wake, Error> {
+        self.check_send(message.bytes.len() as u64)?;
+        let result = self.send_by_cell(memory, message, &mut settled);
         self.invariants();
         result
     }
@@ -189,7 +210,7 @@ impl Link {
     /// See [`NoDelivery`].
     #[inline]
     pub fn take(&mut self, memory: &impl LinkMemory) -> Result<Option<Delivery>, NoDelivery> {
-        self.take_with(memory, |delivery| delivery)
+        self.take_with(memory, |delivery| delivery.map_cell(CellView::to_bytes))
     }
 
     /// As [`take`](Self::take), but passes the message to `deliver` and returns its result. A driver
@@ -201,7 +222,7 @@ impl Link {
     pub fn take_with<R>(
         &mut self,
         memory: &impl LinkMemory,
-        deliver: impl FnOnce(Delivery) -> R,
+        deliver: impl FnOnce(Delivery<CellView<'_>>) -> R,
     ) -> Result<Option<R>, NoDelivery> {
         match &mut self.lane {
             Lane::Ring(_) => self.take_from_ring(memory, deliver),
@@ -210,7 +231,7 @@ impl Link {
             Lane::Socket(socket) => {
                 let taken = socket.inbound.take().map_err(NoDelivery::TooManyBorrowed);
                 self.invariants();
-                taken.map(|it| it.map(deliver))
+                taken.map(|it| it.map(|it| deliver(it.map_cell(|never| match never {}))))
             }
         }
     }
@@ -295,7 +316,11 @@ impl Link {
     /// # Errors
     /// As [`release`](Self::release).
     //= SM2-QOS-010
-    pub fn expire(&mut self, memory: &impl LinkMemory, delivery: &Delivery) -> Result<Wake, Error> {
+    pub fn expire<C>(
+        &mut self,
+        memory: &impl LinkMemory,
+        delivery: &Delivery<C>,
+    ) -> Result<Wake, Error> {
         self.give_back(memory, [delivery.sequence], Given::Expired)
     }
 

@@ -41,6 +41,7 @@
 //! | before it waits, or may choose | [`Link::has_room`] |
 //! | before it writes a message | [`Link::peer_max_len`]: for a longer one, [`Input::Drop`] |
 //! | for each message | [`Link::send`]; if that returns [`Misuse::NotAttached`], [`Input::Attach`], and once more |
+//! | for a short message, instead | [`Link::takes_cells`]: if so, [`Link::send_in_cell`] |
 //! | to learn what came back | [`Link::harvest`] |
 //! | before it sleeps until there is room | [`Link::park`], and looks again |
 //!
@@ -48,7 +49,7 @@
 //! | --- | --- |
 //! | for the next message | [`Link::take`], then [`Link::made_room`] (once for several) |
 //! | for each message that it took | [`Link::is_expired`]: if so, [`Link::expire`], and the next one |
-//! | when the application gives one back | [`Link::release`], or [`Link::release_all`] for several |
+//! | when the application gives one back | [`Link::release`], or [`Link::release_all`]; not for [`Payload::Cell`] |
 //! | before it sleeps | [`Link::park`], and looks again |
 //!
 //! The driver of a caller or server uses both tables, with one difference: on an open link,
@@ -66,7 +67,7 @@
 //!
 //! | method | change |
 //! | --- | --- |
-//! | [`Link::send`], [`Link::send_in_slot`] | a message is sent or queued |
+//! | [`Link::send`], [`Link::send_in_slot`], [`Link::send_in_cell`] | a message is sent or queued |
 //! | [`Link::harvest`], [`Link::settle_returned`] | messages that came back are settled; `harvest` sends queued ones |
 //! | [`Link::take`], [`Link::take_with`] | the application has the next message |
 //! | [`Link::release`], [`Link::release_all`], [`Link::expire`] | messages are given back |
@@ -83,8 +84,9 @@
 //! In OPEN, the receiving side states how many unreleased messages it accepts (`depth + max_borrowed`), and a sender
 //! never has more in flight. A receiver's memory is therefore bounded by its own request, and the queue of a socket
 //! never overflows in the middle of a message. One RELEASE returns the slot of a pool, gives credit, and reports the
-//! fate of the message. Each message has exactly one fate, so the messages that were offered are at every moment those
-//! that were delivered, dropped for one of the reasons, or in flight.
+//! fate of the message. A message in a cell of a ring is released when it is taken. Each message has exactly one fate,
+//! so the messages that were offered are at every moment those that were delivered, dropped for one of the reasons, or
+//! in flight.
 
 mod absence;
 mod attachments;
@@ -130,7 +132,8 @@ pub use self::{
     packet::{Attachment, Head, Packet},
     publications::Publications,
     ring::{
-        At, EMPTY, NotAWord, RingLayout, RingMemory, RingMessage, SlotHead, Wake, Word, doorbell,
+        At, CELL_WORDS, CellBytes, CellMessage, CellView, CellWord, EMPTY, NotAWord, RingLayout,
+        RingMemory, RingMessage, SlotHead, Wake, Word, doorbell,
     },
     role::Role,
     segments::{SegmentInfo, SlotRange},

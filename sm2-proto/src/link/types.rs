@@ -2,7 +2,7 @@
 
 use bytes::Bytes;
 
-use super::{Fate, Packet, RingLayout, SegmentInfo, Status};
+use super::{CellBytes, Fate, Packet, RingLayout, SegmentInfo, Status};
 use crate::{Code, Datagram, Instant, Newest, Violation};
 
 /// Something that happened to a link, which the driver reports.
@@ -159,9 +159,9 @@ pub enum Body {
     Sealed,
 }
 
-/// One received message.
+/// One received message. `C` is the form of a message that came in a cell of a ring.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
-pub struct Delivery {
+pub struct Delivery<C = CellBytes> {
     /// The message's sequence number on this link, used to release it.
     pub sequence: u64,
     /// DATA: the publisher's count of its publications. REQUEST and REPLY: the call.
@@ -177,12 +177,33 @@ pub struct Delivery {
     /// The length of the payload, in bytes.
     pub len: u64,
     /// Where the payload is.
-    pub payload: Payload,
+    pub payload: Payload<C>,
+}
+
+impl<C> Delivery<C> {
+    /// The same message, with the form of a cell that `change` returns.
+    #[inline]
+    pub fn map_cell<D>(self, change: impl FnOnce(C) -> D) -> Delivery<D> {
+        Delivery {
+            sequence: self.sequence,
+            id: self.id,
+            time: self.time,
+            status: self.status,
+            lost: self.lost,
+            len: self.len,
+            payload: match self.payload {
+                Payload::Inline(bytes) => Payload::Inline(bytes),
+                Payload::Pooled { segment, offset } => Payload::Pooled { segment, offset },
+                Payload::Cell(cell) => Payload::Cell(change(cell)),
+                Payload::Sealed => Payload::Sealed,
+            },
+        }
+    }
 }
 
 /// Where the payload of a received message is.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
-pub enum Payload {
+pub enum Payload<C = CellBytes> {
     /// In this value: exactly `len` bytes.
     Inline(Bytes),
     /// In an attached segment. The range from `offset` to `offset + len` lies within the segment.
@@ -192,6 +213,8 @@ pub enum Payload {
         /// The offset of the slot in the segment, in bytes.
         offset: u64,
     },
+    /// In this value, which is a copy of the message's cell in the ring. It is not released.
+    Cell(C),
     /// At the start of the file that [`Output::Keep`] referred to.
     Sealed,
 }

@@ -1,9 +1,7 @@
 //! The calls of a client.
 
-use std::collections::BTreeMap;
-
-use sm2_proto::Name;
 use sm2_proto::link::Role;
+use sm2_proto::{GrowingMap, Name};
 
 use super::links::Links;
 use super::taken::Taken;
@@ -15,7 +13,7 @@ use crate::driver::token::LinkToken;
 /// The calls of a client whose outcome the program has not seen.
 #[derive(Debug)]
 pub(crate) struct Calls {
-    open: BTreeMap<CallId, Option<Outcome>>,
+    open: GrowingMap<CallId, Option<Outcome>>,
     /// Whether the client may call the server of the node with this name.
     pub(crate) servers: fn(&Name) -> bool,
 }
@@ -52,7 +50,7 @@ pub(crate) enum Outcome {
 impl Default for Calls {
     fn default() -> Self {
         Self {
-            open: BTreeMap::new(),
+            open: GrowingMap::new(),
             servers: |_| true,
         }
     }
@@ -112,9 +110,9 @@ impl Calls {
         loop {
             let mut unwanted = None;
             let mut put = |reply: Taken| {
-                let (id, sequence) = (reply.header.id, reply.header.sequence);
+                let (id, place) = (reply.header.id, reply.place());
                 if !self.finish(CallId { token, id }, Outcome::Reply(reply)) {
-                    unwanted = Some(sequence);
+                    unwanted = place;
                 }
             };
             if !matches!(
@@ -124,8 +122,8 @@ impl Calls {
                 break;
             }
             // No thread waits for this reply any more.
-            if let Some(sequence) = unwanted {
-                link.release(&[(token, sequence)], context.sets, outbox);
+            if let Some(place) = unwanted {
+                link.release(&[place], context.sets, outbox);
             }
         }
         //= SM2-SRV-004
@@ -146,29 +144,29 @@ impl Calls {
 
     /// Whether the call has an outcome that the program has not seen.
     pub(super) fn is_over(&self, call: CallId) -> bool {
-        matches!(self.open.get(&call), Some(Some(_)))
+        matches!(self.open.get(call), Some(Some(_)))
     }
 
     /// Whether the call has no outcome, and a thread may wait for it.
     pub(super) fn is_pending(&self, call: CallId) -> bool {
-        matches!(self.open.get(&call), Some(None))
+        matches!(self.open.get(call), Some(None))
     }
 
     /// Returns the outcome of a call once the call is over, and removes the call.
     pub(super) fn take(&mut self, call: CallId) -> Option<Outcome> {
-        let outcome = self.open.get_mut(&call)?.take()?;
-        self.open.remove(&call);
+        let outcome = self.open.get_mut(call)?.take()?;
+        self.open.remove(call);
         Some(outcome)
     }
 
     /// Removes a call that no thread waits for any more. Returns its outcome, if the call is over.
     pub(super) fn remove(&mut self, call: CallId) -> Option<Outcome> {
-        self.open.remove(&call).flatten()
+        self.open.remove(call).flatten()
     }
 
     /// Records the outcome of a call. Returns whether a thread still waits for it.
     pub(super) fn finish(&mut self, call: CallId, outcome: Outcome) -> bool {
-        match self.open.get_mut(&call) {
+        match self.open.get_mut(call) {
             Some(open @ None) => {
                 *open = Some(outcome);
                 true

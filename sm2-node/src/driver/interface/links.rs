@@ -63,9 +63,12 @@ impl Links {
         self.iter().any(LinkDriver::may_take)
     }
 
-    /// Whether a link has messages in flight.
-    pub(crate) fn has_in_flight(&self) -> bool {
-        self.iter().any(|link| link.counters().in_flight > 0)
+    /// Whether a link holds memory of the pool. Messages in cells of rings hold none.
+    pub(crate) fn hold_memory(&self) -> bool {
+        let mut holds = false;
+        self.iter()
+            .for_each(|link| link.in_flight_keys(|_| holds = true));
+        holds
     }
 
     /// Prepares the links for a thread that is about to sleep until one of them has an event.

@@ -176,7 +176,7 @@ impl DeclaredInterface {
         len: u64,
         context: &mut Context<'_>,
     ) -> Option<Published> {
-        if !self.links.has_in_flight() {
+        if !self.links.hold_memory() {
             return None;
         }
         self.published += 1;

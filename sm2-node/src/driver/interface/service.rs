@@ -2,7 +2,8 @@
 
 use bytes::Bytes;
 use sm2_proto::Instant;
-use sm2_proto::link::{Input, Status};
+use sm2_proto::limits::CELL_MAX;
+use sm2_proto::link::{CellMessage, Input, Status};
 
 use super::DeclaredInterface;
 use super::calls::{CallId, Choice, Outcome};
@@ -11,6 +12,15 @@ use crate::driver::context::Context;
 use crate::driver::link::LinkDriver;
 use crate::driver::outbox::{Forms, Label};
 use crate::driver::token::LinkToken;
+
+/// The payload of a request or a reply.
+#[derive(Debug)]
+pub(crate) enum CallBody<'a> {
+    /// It is stored until its link has settled it.
+    Stored(Forms),
+    /// It is written to a cell of the link, which [takes](LinkDriver::takes_cells) cells.
+    Cell(&'a [u8]),
+}
 
 impl DeclaredInterface {
     /// Chooses the server for the next call, with a request of this length. While a link to the first server is
@@ -28,7 +38,7 @@ impl DeclaredInterface {
     pub(crate) fn call(
         &mut self,
         token: LinkToken,
-        forms: Forms,
+        body: CallBody<'_>,
         len: u64,
         deadline: Option<Instant>,
         context: &mut Context<'_>,
@@ -38,7 +48,7 @@ impl DeclaredInterface {
         self.calls.begin(call);
         // Zero means no deadline.
         let time = deadline.unwrap_or_default();
-        let sent = self.send(call, forms, (time, len), Status::Ok, context, |link| {
+        let sent = self.send(call, body, (time, len), Status::Ok, context, |link| {
             link.calls.last = id;
             true
         });
@@ -65,7 +75,11 @@ impl DeclaredInterface {
     }
 
     fn collect_replies(&mut self, token: LinkToken, context: &mut Context<'_>) {
-        if self.links.get(token).is_some_and(LinkDriver::may_take) {
+        let Some(link) = self.links.get_mut(token).filter(|it| it.may_take()) else {
+            return;
+        };
+        (self.calls).collect(token, link, context, &mut self.outbox);
+        if !link.is_settled() {
             self.settle_link(token, context);
         }
     }
@@ -84,8 +98,10 @@ impl DeclaredInterface {
     /// come, or when it comes.
     pub(crate) fn forget(&mut self, call: CallId, context: &mut Context<'_>) {
         self.cancel(call, context);
-        if let Some(Outcome::Reply(taken)) = self.calls.remove(call) {
-            self.give_back(taken.origin.token, taken.header.sequence, context);
+        if let Some(Outcome::Reply(taken)) = self.calls.remove(call)
+            && let Some((token, sequence)) = taken.place()
+        {
+            self.give_back(token, sequence, context);
         }
     }
 
@@ -113,10 +129,12 @@ impl DeclaredInterface {
                     return Ok(());
                 }
             };
-            let sequence = taken.header.sequence;
+            let place = taken.place();
             *into = None;
             self.reply_inline(CallId { token, id }, Bytes::new(), status, context);
-            self.give_back(token, sequence, context);
+            if let Some((token, sequence)) = place {
+                self.give_back(token, sequence, context);
+            }
         }
         Ok(())
     }
@@ -129,7 +147,8 @@ impl DeclaredInterface {
         }
     }
 
-    /// Sends a reply that is as short as the reason of a failure.
+    /// Sends a reply that is as short as the reason of a failure. If it fits into a cell, it needs no memory, which may
+    /// be what is short.
     pub(crate) fn reply_inline(
         &mut self,
         call: CallId,
@@ -138,7 +157,16 @@ impl DeclaredInterface {
         context: &mut Context<'_>,
     ) {
         let len = payload.len() as u64;
-        self.reply(call, Forms::inline(payload), len, status, context);
+        let body = match self.takes_in_cell(call.token, payload.len()) {
+            true => CallBody::Cell(&payload),
+            false => CallBody::Stored(Forms::inline(payload)),
+        };
+        self.reply(call, body, len, status, context);
+    }
+
+    /// Whether this link takes a request or a reply of this length in a cell now.
+    pub(super) fn takes_in_cell(&self, token: LinkToken, len: usize) -> bool {
+        len <= CELL_MAX && self.links.get(token).is_some_and(LinkDriver::takes_cells)
     }
 
     /// Sends a reply, at the time when the call of the program began. Returns whether the client's link was still
@@ -146,12 +174,12 @@ impl DeclaredInterface {
     pub(crate) fn reply(
         &mut self,
         call: CallId,
-        forms: Forms,
+        body: CallBody<'_>,
         len: u64,
         status: Status,
         context: &mut Context<'_>,
     ) -> bool {
-        self.send(call, forms, (context.now, len), status, context, |link| {
+        self.send(call, body, (context.now, len), status, context, |link| {
             link.calls.cancelled.remove(&call.id);
             link.is_open()
         })
@@ -162,26 +190,41 @@ impl DeclaredInterface {
     fn send(
         &mut self,
         call: CallId,
-        forms: Forms,
+        body: CallBody<'_>,
         (time, len): (Instant, u64),
         status: Status,
         context: &mut Context<'_>,
         is_wanted: impl FnOnce(&mut LinkDriver) -> bool,
     ) -> bool {
         let id = call.id;
-        let key = self.outbox.store(forms, Label { id, time, len });
+        let stored = match body {
+            CallBody::Stored(forms) => {
+                let key = self.outbox.store(forms, Label { id, time, len });
+                Ok(key)
+            }
+            CallBody::Cell(bytes) => Err(CellMessage {
+                id,
+                time,
+                status,
+                bytes,
+            }),
+        };
         let mut is_sent = false;
         if let Some(link) = self.links.get_mut(call.token) {
             is_sent = is_wanted(link);
-            if is_sent {
-                link.send(key, status, context, &mut self.outbox);
+            match &stored {
+                _ if !is_sent => {}
+                Ok(key) => link.send(*key, status, context, &mut self.outbox),
+                Err(message) => link.send_in_cell(message, context, &mut self.outbox),
             }
             match link.is_settled() {
                 true => link.watch_in_background(context.sets),
                 false => self.settle_link(call.token, context),
             }
         }
-        self.outbox.release(key);
+        if let Ok(key) = stored {
+            self.outbox.release(key);
+        }
         is_sent
     }
 }

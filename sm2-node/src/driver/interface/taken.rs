@@ -7,6 +7,7 @@ use sm2_proto::control::LinkPeer;
 use sm2_proto::link::{Delivery, Status, TooManyBorrowed};
 
 use crate::driver::origin::Held;
+use crate::driver::token::LinkToken;
 use crate::payload::Source;
 
 /// A message that the application holds.
@@ -15,6 +16,15 @@ pub(crate) struct Taken {
     pub(crate) origin: Held,
     pub(crate) header: Header,
     pub(crate) source: Source,
+}
+
+impl Taken {
+    /// The link and the number of the message, if it has to be released.
+    #[inline]
+    pub(crate) fn place(&self) -> Option<(LinkToken, u64)> {
+        let place = (self.origin.token, self.header.sequence);
+        self.origin.is_released().then_some(place)
+    }
 }
 
 /// A [`Delivery`] without its payload.
@@ -30,7 +40,7 @@ pub(crate) struct Header {
 
 impl Header {
     #[inline]
-    pub(in crate::driver) const fn of(delivery: &Delivery) -> Self {
+    pub(in crate::driver) const fn of<C>(delivery: &Delivery<C>) -> Self {
         Self {
             sequence: delivery.sequence,
             id: delivery.id,

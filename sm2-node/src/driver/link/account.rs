@@ -87,7 +87,7 @@ impl LinkAccount {
     }
 
     /// Counts a message that has expired. The next message reports what was lost before it.
-    pub(super) fn expire(&mut self, delivery: &Delivery, entry: Option<&mut CounterEntry>) {
+    pub(super) fn expire(&mut self, delivery: &Delivery<()>, entry: Option<&mut CounterEntry>) {
         self.last_id = delivery.id;
         if let Some(account) = self.account.as_mut().filter(|_| self.unsettled) {
             let missed = account.expire(delivery.id, delivery.lost);

@@ -68,7 +68,7 @@ impl LinkDriver {
     #[cold]
     pub(super) fn drop_taken(
         &mut self,
-        delivery: &Delivery,
+        delivery: &Delivery<()>,
         context: &mut Context<'_>,
         outbox: &mut Outbox,
     ) {
@@ -87,18 +87,16 @@ impl LinkDriver {
         self.machine.is_expired(time, sm2_io::clock::now)
     }
 
-    /// Drops the messages that wait for the window and are older than their lifespan. Returns whether there may have
-    /// been some.
+    /// Drops the messages that wait for the window and are older than their lifespan.
     //= SM2-QOS-010
     #[inline]
-    pub(super) fn expire_unsent(&mut self, context: &Context<'_>, outbox: &mut Outbox) -> bool {
+    pub(super) fn expire_unsent(&mut self, context: &Context<'_>, outbox: &mut Outbox) {
         let may_expire =
             self.machine.config().lifespan != Period::NONE && self.machine.has_queued();
         if may_expire {
             self.tick_machine(sm2_io::clock::now());
             self.drain_idle(context.sets, outbox);
         }
-        may_expire
     }
 
     /// The publications that the publisher of a subscriber's link states, until the account is open.

@@ -1,7 +1,7 @@
 //! One link on the road of a short message: see `interface/road.rs`.
 
 use sm2_proto::Instant;
-use sm2_proto::link::{Error, LaneKind, RingMessage, Status};
+use sm2_proto::link::{CellMessage, Error, Fate, LaneKind, RingMessage, Status};
 
 use super::LinkDriver;
 use super::wire::Wire;
@@ -48,6 +48,40 @@ impl LinkDriver {
                 }
             }
             Err(error) => self.not_sent_on_road(&error, key, context, outbox),
+        }
+    }
+
+    /// Whether the link takes short messages in cells of its ring now.
+    #[inline]
+    pub(in crate::driver) fn takes_cells(&self) -> bool {
+        self.machine.takes_cells(&self.mapped)
+    }
+
+    /// Sends a message in a cell of the link, which [takes](Self::takes_cells) cells and is [on the
+    /// road](Self::is_on_road).
+    #[inline]
+    pub(in crate::driver) fn send_in_cell(
+        &mut self,
+        message: &CellMessage<'_>,
+        context: &mut Context<'_>,
+        outbox: &mut Outbox,
+    ) {
+        let settled = |key, fate| outbox.settle(MessageKey::from_raw(key), fate);
+        match self.machine.send_in_cell(&self.mapped, message, settled) {
+            Ok(wake) => {
+                self.wake(wake, context.sets);
+                self.drain_if_due(context.sets, outbox);
+                self.count_sent(message.time, message.bytes.len() as u64, context.now);
+                if self.wire.as_ref().is_some_and(Wire::wakes_background) {
+                    self.watch_in_background(context.sets);
+                }
+            }
+            // The outputs tell.
+            Err(Error::Ended(_)) => self.drain_idle(context.sets, outbox),
+            Err(Error::Misuse(misuse)) => {
+                debug_assert!(false, "the link takes cells: {misuse}");
+                self.drop_publication(Fate::NoRoom, context, outbox);
+            }
         }
     }
 

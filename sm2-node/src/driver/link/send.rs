@@ -214,22 +214,18 @@ impl LinkDriver {
     /// Settles the messages that the receiver gave back, and sends queued messages into the new
     /// room.
     pub(in crate::driver) fn harvest(&mut self, context: &mut Context<'_>, outbox: &mut Outbox) {
-        let mut is_changed = self.expire_unsent(context, outbox);
+        self.expire_unsent(context, outbox);
         while self.machine.end().is_none() {
-            let settled = |key, fate| {
-                is_changed = true;
-                outbox.settle(MessageKey::from_raw(key), fate);
-            };
+            let settled = |key, fate| outbox.settle(MessageKey::from_raw(key), fate);
             let harvested = self.machine.harvest(&self.mapped, settled);
             self.wake(harvested.unwrap_or_default(), context.sets);
-            is_changed |= self.drain_if_due(context.sets, outbox);
+            self.drain_if_due(context.sets, outbox);
             if !self.machine.is_due() {
                 break;
             }
         }
-        if is_changed {
-            self.write_fates();
-        }
+        // `settled` is not called for messages in cells.
+        self.write_fates();
     }
 
     /// Settles the messages that came back before the link may end, and sends nothing.

@@ -159,14 +159,12 @@ impl LinkDriver {
         self.drain(Incoming::default(), sets, outbox);
     }
 
-    /// Drains the machine if it may have outputs. Returns whether it may have had some.
+    /// Drains the machine if it may have outputs.
     #[inline]
-    pub(in crate::driver) fn drain_if_due(&mut self, sets: &LinkSets, outbox: &mut Outbox) -> bool {
-        let is_due = self.machine.has_output();
-        if is_due {
+    pub(in crate::driver) fn drain_if_due(&mut self, sets: &LinkSets, outbox: &mut Outbox) {
+        if self.machine.has_output() {
             self.drain_idle(sets, outbox);
         }
-        is_due
     }
 
     /// Carries out all outputs of the machine. Only this function matches them.

@@ -29,7 +29,7 @@ enum Next {
     /// The application has it.
     Put,
     /// It is older than its lifespan.
-    Expired(Delivery),
+    Expired(Delivery<()>),
 }
 
 impl LinkDriver {
@@ -105,11 +105,12 @@ impl LinkDriver {
         self.machine.take_with(&self.mapped, |delivery| {
             //= SM2-QOS-010
             if lifespan.has_passed_by(delivery.time, sm2_io::clock::now) {
-                return Next::Expired(delivery);
+                return Next::Expired(delivery.map_cell(drop));
             }
             let mut header = Header::of(&delivery);
             header.lost = (header.lost).saturating_add(mem::take(&mut self.lost_with_expired));
-            self.held += 1;
+            let is_released = !matches!(delivery.payload, Payload::Cell(_));
+            self.held += usize::from(is_released);
             self.received.add(&header);
             if is_topic {
                 let held = self.held as u64;
@@ -125,6 +126,10 @@ impl LinkDriver {
             let len = header.len;
             let (origin, source) = match delivery.payload {
                 Payload::Inline(bytes) => (link(), Source::Inline(bytes)),
+                Payload::Cell(cell) => {
+                    let copy = self.cells.copy(cell, &self.origin);
+                    (Held::Cell(copy), Source::Cell)
+                }
                 Payload::Pooled { segment, offset } => match self.mapped.segments.get(segment) {
                     Some(segment) => {
                         let held = Held::Segment(Arc::clone(segment));

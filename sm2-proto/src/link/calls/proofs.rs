@@ -1,9 +1,10 @@
 //! Harnesses for the calls of a link: one step from any state of three calls.
 
-use alloc::collections::{BTreeMap, BTreeSet};
+use alloc::collections::BTreeSet;
 
 use super::{Call, Got, Misuse, Placed, Reply, Served, Status};
 use crate::{
+    GrowingMap,
     limits::CALLS_MAX,
     proofs::{below, one_of},
 };
@@ -284,7 +285,7 @@ fn a_cancel_of_any_time() {
         assert_eq!(verdict, expected);
         match verdict {
             Ok(cancelled) => {
-                assert!(books.calls.get(&call) == Some(&got(cancelled)));
+                assert!(books.calls.get(call) == Some(&got(cancelled)));
                 assert!(!books.early.contains(&call) && books.last == Some(call));
             }
             Err(_) => assert!(books == before),
@@ -318,7 +319,7 @@ fn no_more_calls_than_the_limit() {
         if full { Err(Misuse::CallLimit) } else { Ok(()) }
     );
     let (reply, cancelled) = (Reply::Owed, false);
-    let calls: BTreeMap<_, _> = ids.map(|id| (id, Got { reply, cancelled })).collect();
+    let calls: GrowingMap<_, _> = ids.map(|id| (id, Got { reply, cancelled })).collect();
     let last = Some(open as u64);
     let mut books = Served {
         calls,

@@ -4,6 +4,7 @@
 //! Most answers are those of a memory where a peer writes correct words, so that a run gets past
 //! the first message.
 
+mod cells;
 mod hostile;
 mod peer;
 
@@ -171,13 +172,15 @@ impl<'a> Ring<'a> {
         let choice = script.byte()? % 16;
         let is_outgoing = self.is_outgoing(script)?;
         match choice {
-            0..=4 if is_outgoing => self.send(script)?,
+            0..=3 if is_outgoing => self.send(script)?,
+            4 if is_outgoing => self.send_in_cell(script)?,
             5 | 6 if is_outgoing => self.harvest(),
             7..=9 if is_outgoing => self.peer_takes(script)?,
             10 if is_outgoing => self.segments(script)?,
             0..=4 => drop(self.take()),
             5 | 6 => self.release(script)?,
-            7..=9 => self.peer_puts(script)?,
+            7 | 8 => self.peer_puts(script)?,
+            9 => self.peer_puts_cell(script)?,
             10 => self.peer_segments(script)?,
             11 => self.check_queries(),
             12 => {
@@ -257,10 +260,13 @@ impl<'a> Ring<'a> {
         Some(())
     }
 
-    /// Bounds the accesses of a call to the outgoing ring: one attempt for each queued message.
+    /// Bounds the accesses of a call to the outgoing ring: one attempt for each queued message. An attempt looks for
+    /// room, takes the oldest message out, reads and clears each back word, looks at each cell once, and at one of them
+    /// a second time; it reads, clears, writes and fills the cell of its message, and rings the bell.
     fn most_to_send(&self) -> u64 {
         let waiting = self.world.pending.len() as u64;
-        (2 * self.outgoing.window() + 6) * (2 + 2 * waiting)
+        let (depth, window) = (self.outgoing.depth(), self.outgoing.window());
+        (2 * window + depth + 9) * (2 + 2 * waiting)
     }
 
     fn send(&mut self, script: &mut Script<'_>) -> Option<()> {
@@ -387,19 +393,29 @@ impl<'a> Ring<'a> {
         };
         let result = self.world.link.take(&LentRing::new(&self.incoming, head));
         assert!(copies.get() <= 1, "the head is copied once");
-        self.incoming.check_accesses(6 * self.incoming.depth());
+        // Two looks for the oldest message; then for each attempt a word is read and taken, and a cell is copied.
+        self.incoming.check_accesses(8 * self.incoming.depth());
         let limit = usize::from(self.world.link.config().max_borrowed);
         match &result {
             Ok(Some(delivery)) => {
-                assert!(self.held.len() < limit);
                 assert!(delivery.len <= self.world.link.config().max_len.bytes());
-                let Payload::Pooled { segment, offset } = delivery.payload else {
-                    panic!("it is pooled");
-                };
-                let size = self.world.mapped.get(&segment).expect("it is attached");
-                assert!(offset + delivery.len + SLOT_HEAD as u64 <= *size);
                 assert!(self.held.iter().all(|it| it.sequence < delivery.sequence));
-                assert!(self.held.iter().all(|it| it.payload != delivery.payload));
+                let is_held = match &delivery.payload {
+                    Payload::Pooled { segment, offset } => {
+                        assert!(self.held.len() < limit);
+                        let size = self.world.mapped.get(segment).expect("it is attached");
+                        assert!(offset + delivery.len + SLOT_HEAD as u64 <= *size);
+                        assert!(self.held.iter().all(|it| it.payload != delivery.payload));
+                        true
+                    }
+                    Payload::Cell(bytes) => {
+                        assert_eq!(bytes.len() as u64, delivery.len);
+                        assert_eq!(copies.get(), 0, "it has no slot");
+                        self.id = self.id.max(delivery.id);
+                        false
+                    }
+                    other => panic!("neither in a slot nor in a cell: {other:?}"),
+                };
                 match self.role() {
                     Role::Caller => assert!(self.calls.remove(&delivery.id), "it had no reply"),
                     // After the end, no client waits for a reply.
@@ -408,7 +424,9 @@ impl<'a> Ring<'a> {
                     }
                     _ => {}
                 }
-                self.held.push(delivery.clone());
+                if is_held {
+                    self.held.push(delivery.clone());
+                }
             }
             Ok(None) => {}
             Err(NoDelivery::TooManyBorrowed(_)) => assert_eq!(self.held.len(), limit),
@@ -449,6 +467,8 @@ impl<'a> Ring<'a> {
     fn check_queries(&self) {
         let link = &self.world.link;
         link.has_room(&self.outgoing);
+        self.outgoing.check_accesses(1);
+        let _ = link.takes_cells(&self.outgoing);
         self.outgoing.check_accesses(1);
         let depth = self.incoming.depth();
         link.may_take(&self.incoming);

@@ -22,6 +22,8 @@ pub(super) struct World {
     pub(super) end: Option<End>,
     /// The keys of the messages that the machine accepted and did not settle.
     pub(super) pending: BTreeSet<u64>,
+    /// How many messages in cells can still be unsettled. They have no keys.
+    pub(super) in_cells: usize,
     /// The sequence numbers that the machine sent and the peer has not released.
     pub(super) sent: BTreeSet<u64>,
     /// The sequence numbers that the application holds.
@@ -71,6 +73,7 @@ impl World {
             blocked: false,
             end: None,
             pending: BTreeSet::new(),
+            in_cells: 0,
             sent: BTreeSet::new(),
             held: BTreeSet::new(),
             mapped: BTreeMap::new(),
@@ -133,10 +136,15 @@ impl World {
             self.observe(output);
         }
         assert_eq!(self.end, self.link.end());
-        assert_eq!(self.link.in_flight(), self.pending.len());
+        let in_flight = self.link.in_flight();
+        let in_cells = in_flight.checked_sub(self.pending.len());
+        let in_cells = in_cells.expect("a message is in flight until it is settled");
+        assert!(in_cells <= self.in_cells, "{in_cells} in cells");
+        assert!(in_flight == 0 || self.end.is_none());
+        self.in_cells = in_cells;
         let it = self.link.counters();
         assert_eq!(it.offered, it.delivered + it.dropped() + it.in_flight);
-        assert_eq!(it.in_flight, self.pending.len() as u64);
+        assert_eq!(it.in_flight, in_flight as u64);
     }
 
     fn observe(&mut self, output: Output) {
@@ -201,6 +209,10 @@ impl World {
                         .get(segment)
                         .is_some_and(|size| offset + delivery.len <= *size)
                 );
+            }
+            Payload::Cell(bytes) => {
+                assert_eq!(bytes.len() as u64, delivery.len);
+                assert!(!self.link.config().sealed);
             }
             Payload::Sealed => {}
         }

@@ -10,6 +10,7 @@
 
 use super::super::{
     At, Delivery, Error, Fate, Link, Misuse, Output, RingMemory, Role, Wake,
+    calls::{Placed, Served},
     lane::Lane,
     ring::{RingMessage, RingSendError, SendQueue},
 };
@@ -28,7 +29,8 @@ impl Link {
         message: &RingMessage,
         settled: &mut impl FnMut(u64, Fate),
     ) -> Result<Wake, Error> {
-        self.check_queue(message)?;
+        self.check_call(message.id)?;
+        SendQueue::check(message)?;
         match self.config.role {
             Role::Server => self.served.reply(message.id),
             _ => self.placed.place(message.id),
@@ -41,7 +43,7 @@ impl Link {
     }
 
     //= SM2-SRV-001, SM2-SRV-002
-    fn check_queue(&self, message: &RingMessage) -> Result<(), Misuse> {
+    fn check_call(&self, id: u64) -> Result<(), Misuse> {
         let Lane::Ring(ring) = &self.lane else {
             return Err(Misuse::NotOpen);
         };
@@ -49,15 +51,33 @@ impl Link {
             return Err(Misuse::NotOpen);
         }
         match self.config.role {
-            Role::Server => self.served.check(message.id)?,
+            Role::Server => self.served.check(id)?,
             _ => {
                 self.placed.check()?;
-                if message.id <= ring.last_id().unwrap_or(0) {
+                if id <= ring.last_id().unwrap_or(0) {
                     return Err(Misuse::IdNotGrowing);
                 }
             }
         }
-        SendQueue::check(message)
+        Ok(())
+    }
+
+    /// Checks whether a request or a reply may be sent in a cell: not before those that wait.
+    pub(super) fn check_call_in_cell(&self, id: u64) -> Result<(), Misuse> {
+        self.check_call(id)?;
+        match &self.lane {
+            Lane::Ring(ring) if ring.has_queued() => Err(Misuse::NoRoom),
+            _ => Ok(()),
+        }
+    }
+
+    /// Updates the calls for a request or a reply that was sent in a cell.
+    pub(super) fn note_sent_call(&mut self, id: u64) {
+        match self.config.role {
+            Role::Server => self.served.reply(id),
+            _ => self.placed.place(id),
+        }
+        note_sent(self.config.role, &mut self.placed, &mut self.served, id);
     }
 
     /// Sends queued messages while there is room. If some remain for lack of room, this end parks,
@@ -112,7 +132,7 @@ impl Link {
                 Err(RingSendError::Misuse(Misuse::NotAttached)) => {
                     // If the number is still in use, DETACHED will free it, and this end tries
                     // again.
-                    let _ = sender.attach(&segment);
+                    let _ = sender.segments.attach(&segment);
                     break;
                 }
                 Err(why) => {
@@ -121,21 +141,14 @@ impl Link {
                 }
             }
             queue.pop();
-            match self.config.role {
-                Role::Server => {
-                    // On the ring lane, no frame tells when the caller stops naming the call.
-                    self.served.sent(id);
-                    self.served.released(id);
-                }
-                _ => self.placed.sent(id),
-            }
+            note_sent(self.config.role, &mut self.placed, &mut self.served, id);
         }
         Ok(wake)
     }
 
     /// Updates the calls for a message that was taken, or for a look that found none.
     //= SM2-RNG-004, SM2-SRV-002
-    pub(super) fn note_call(&mut self, taken: Option<&Delivery>) -> Result<(), Violation> {
+    pub(super) fn note_call<C>(&mut self, taken: Option<&Delivery<C>>) -> Result<(), Violation> {
         match (self.config.role, taken) {
             // After the end, no client waits for a reply.
             (Role::Server, Some(request)) if self.state.is_ok() => {
@@ -176,5 +189,17 @@ impl Link {
             let failed = self.placed.end();
             (self.events).extend(failed.map(|call| Output::CallFailed { call }));
         }
+    }
+}
+
+/// Updates the calls for a request or a reply that is in the ring.
+fn note_sent(role: Role, placed: &mut Placed, served: &mut Served, id: u64) {
+    match role {
+        Role::Server => {
+            // On the ring lane, no frame tells when the caller stops naming the call.
+            served.sent(id);
+            served.released(id);
+        }
+        _ => placed.sent(id),
     }
 }

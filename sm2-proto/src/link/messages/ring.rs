@@ -1,10 +1,13 @@
 //! Messages that are sent through a ring.
 
 use super::super::{
-    At, Delivery, End, Error, Fate, Link, LinkMemory, Misuse, NoDelivery, RingMemory, Wake,
+    At, CELL_WORDS, CellView, Delivery, End, Error, Fate, Link, LinkMemory, Misuse, NoDelivery,
+    RingMemory, Wake,
     lane::Lane,
     machine::Over,
-    ring::{NotReleased, NotTaken, RingMessage, RingSendError, wake_parked},
+    ring::{
+        CellMessage, NotReleased, NotTaken, RingMessage, RingSendError, TakenMessage, wake_parked,
+    },
     wire::Given,
 };
 use crate::{Farewell, Violation};
@@ -29,7 +32,42 @@ impl Link {
         if self.blocked {
             return Err(Misuse::NoRoom.into());
         }
-        match sender.send(words, message, settled) {
+        let sent = sender.send(words, message, settled);
+        self.sent_by_ring(sent)
+    }
+
+    /// [`Link::send_in_cell`] on an open link.
+    #[inline]
+    pub(super) fn send_by_cell(
+        &mut self,
+        memory: &impl LinkMemory,
+        message: &CellMessage<'_>,
+        settled: &mut impl FnMut(u64, Fate),
+    ) -> Result<Wake, Error> {
+        let words = memory.outgoing().ok_or(Misuse::NotLent)?;
+        let has_calls = self.has_calls();
+        if has_calls {
+            self.check_call_in_cell(message.id)?;
+        }
+        let Lane::Ring(ring) = &mut self.lane else {
+            return Err(Misuse::NotOpen.into());
+        };
+        let sender = ring.sender_mut().ok_or(Misuse::NotOpen)?;
+        if self.blocked {
+            return Err(Misuse::NoRoom.into());
+        }
+        let sent = sender.send_in_cell(words, message, settled);
+        if has_calls && !matches!(sent, Err(RingSendError::Misuse(_))) {
+            ring.queue.note(message.id);
+            self.note_sent_call(message.id);
+        }
+        self.sent_by_ring(sent)
+    }
+
+    /// Handles the result of a call of the sender.
+    #[inline]
+    fn sent_by_ring(&mut self, sent: Result<Wake, RingSendError>) -> Result<Wake, Error> {
+        match sent {
             Ok(wake) => Ok(wake),
             Err(RingSendError::Misuse(misuse)) => Err(misuse.into()),
             Err(RingSendError::Violation(violation)) => Err(self.violated(violation)),
@@ -64,7 +102,7 @@ impl Link {
     pub(super) fn take_from_ring<M: LinkMemory, R>(
         &mut self,
         memory: &M,
-        deliver: impl FnOnce(Delivery) -> R,
+        deliver: impl FnOnce(Delivery<CellView<'_>>) -> R,
     ) -> Result<Option<R>, NoDelivery> {
         let has_calls = self.has_calls();
         let Lane::Ring(ring) = &mut self.lane else {
@@ -83,17 +121,23 @@ impl Link {
         }
         let geometry = |segment| ring.segments.geometry(segment);
         let prefetch = |slot| memory.prefetch(slot);
-        let delivery = match receiver.take_word(words, geometry, prefetch) {
-            Ok(None) if has_calls => match self.note_call(None) {
+        let mut cell = [0; CELL_WORDS];
+        let delivery = match receiver.take_word(words, &mut cell, geometry, prefetch) {
+            Ok(None) if has_calls => match self.note_call::<CellView<'_>>(None) {
                 Ok(()) => return Ok(None),
                 Err(violation) => return Err(self.not_taken(violation.into())),
             },
             Ok(None) => return Ok(None),
             Ok(Some(taken)) => {
-                if M::PREFETCHES {
+                if M::PREFETCHES && matches!(taken, TakenMessage::Slot(_)) {
                     receiver.prefetch(words, 1, geometry, prefetch);
                 }
-                receiver.receive(taken, memory.slot_head(taken.slot))
+                match taken {
+                    TakenMessage::Slot(taken) => {
+                        receiver.receive(taken, memory.slot_head(taken.slot))
+                    }
+                    TakenMessage::Cell(word) => receiver.receive_cell(word, &cell),
+                }
             }
             Err(why) => return Err(self.not_taken(why)),
         };
@@ -160,13 +204,18 @@ impl Link {
         result
     }
 
-    /// Whether the sender has to be woken because [`take`](Self::take) returned one message or more,
-    /// and so made room. Only the sender of a reliable link waits for room.
+    /// Whether the sender has to be woken because [`take`](Self::take) returned one message or more. The sender of a
+    /// reliable link waits for room. Any sender may wait until its messages are settled, which those in cells are when
+    /// they are taken.
+    //= SM2-RNG-012, SM2-RNG-013
     #[inline]
     pub fn made_room(&self, memory: &impl LinkMemory) -> Wake {
-        match (&self.lane, memory.incoming()) {
-            (Lane::Ring(ring), Some(words))
-                if self.config.reliable && self.state.is_ok() && ring.incoming.is_some() =>
+        let (Lane::Ring(ring), Some(words)) = (&self.lane, memory.incoming()) else {
+            return Wake::NotNeeded;
+        };
+        match &ring.incoming {
+            Some(receiver)
+                if self.state.is_ok() && (self.config.reliable || receiver.took_cell) =>
             {
                 wake_parked(words, At::SenderParked)
             }

@@ -46,6 +46,7 @@ impl RingLane {
                 layout,
                 carrier,
                 config.reliable,
+                config.lifespan != Period::NONE,
                 config.max_borrowed,
                 config.max_len,
             )
@@ -96,7 +97,7 @@ impl RingLane {
     pub(in crate::link) fn on_detached(&mut self, segment: u32) -> Result<(), Violation> {
         let sender = self.sender_mut();
         let sender = sender.ok_or(violation!(UnknownSegment, "SM2-RNG-009"))?;
-        sender.detached(segment)
+        sender.segments.detached(segment)
     }
 
     /// Returns the next frame that has to be sent over the socket.
@@ -105,7 +106,7 @@ impl RingLane {
         if let Some(segment) = self.segments.poll_detached() {
             return Some(Packet::bare(Frame::Detached { segment }.head()));
         }
-        Some(match self.sender_mut()?.poll()? {
+        Some(match self.sender_mut()?.segments.poll()? {
             SegmentFrame::Attach(info) => Packet {
                 attachment: Some(Attachment::Segment(info.id)),
                 ..Packet::bare(Frame::Attach(info).head())
@@ -117,7 +118,7 @@ impl RingLane {
     /// Whether [`poll`](Self::poll) returns a frame.
     #[inline]
     pub(in crate::link) fn has_packets(&self) -> bool {
-        self.segments.has_detached() || self.sender().is_some_and(RingSender::has_steps)
+        self.segments.has_detached() || self.sender().is_some_and(|it| it.segments.has_steps())
     }
 
     /// Ends the lane with its link. Passes the keys of all messages that were not settled to
@@ -202,7 +203,7 @@ impl RingLane {
     pub(in crate::link) fn is_due(&self) -> bool {
         let is_attached = |it: &RingMessage| {
             let sender = self.sender();
-            sender.is_some_and(|sender| sender.is_attached(&it.segment))
+            sender.is_some_and(|sender| sender.segments.is_attached(&it.segment))
         };
         !self.queue.is_full && self.queue.front().is_some_and(is_attached)
     }

@@ -15,6 +15,13 @@ pub trait RingMemory {
     /// Replaces `bits` by [`EMPTY`](super::EMPTY) if the word still has this value. Returns whether
     /// it had.
     fn take(&self, at: At, bits: u64) -> bool;
+    /// Writes the words of the cell behind this forward word, from the first on. Relaxed: the [`swap`](Self::swap) of
+    /// the forward word that follows publishes them.
+    fn write_cell(&self, index: u32, words: &[u64]);
+    /// Reads the words of the cell behind this forward word, from the first on. Relaxed: a [`load`](Self::load) of the
+    /// forward word came before. The other side may write them meanwhile; then the [`take`](Self::take) that follows
+    /// fails.
+    fn read_cell(&self, index: u32, words: &mut [u64]);
     /// A sequentially consistent fence. The last access of this thread to a word was a [`swap`](Self::swap) or a
     /// [`take`](Self::take).
     fn fence(&self);

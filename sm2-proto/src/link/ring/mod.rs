@@ -13,13 +13,17 @@
 //! Each side keeps its own count, and accesses the word that this count selects, so there is no shared head or tail to
 //! forge. The sender swaps; the receiver compares and exchanges. A displaced word returns to the sender by the same
 //! swap that displaces it, so keep-last is exact and the slot is free at once. Released messages return through words
-//! of their own, one for each message that may be unreleased.
+//! of their own, one for each message that may be unreleased. A short message in the *cell* of its word is not given
+//! back: it is settled when the receiver has taken the word.
 //!
 //! # Few cache lines travel between cores
 //!
 //! The cost of a short message between two cores is the number of cache lines that both of them touch, and that one
 //! of them waits for. These measures reduce it:
 //!
+//! - A short message is in the two lines of its cell, and up to 40 bytes are in the line of its word (SM2-RNG-013). It
+//!   touches no slot and no back word. The sender empties a cell that was not taken before it writes the cell, so a
+//!   receiver's copy is whole if its compare-and-exchange succeeds.
 //! - Slots are as short as their messages, with payload and head side by side. Slots of a page each would compete for
 //!   one set of the first-level cache, and for one entry each of the translation cache.
 //! - A publisher reads released words when it needs a slot, not with each message. While few messages are unreleased,
@@ -32,6 +36,7 @@
 //! - Messages that a program gives back together are one batch: their words are put, then one fence follows
 //!   (SM2-RNG-012).
 
+mod cell;
 mod lane;
 mod memory;
 mod message;
@@ -44,18 +49,19 @@ mod sender;
 mod wake;
 mod word;
 
-pub(super) use self::{
-    lane::RingLane,
-    message::RingSendError,
-    receiver::{NotReleased, NotTaken, RingReceiver},
-    segments::RingSegments,
-    send_queue::SendQueue,
-    sender::RingSender,
-    wake::wake_parked,
-};
 pub use self::{
+    cell::{CELL_WORDS, CellBytes, CellMessage, CellView, CellWord},
     memory::RingMemory,
     message::RingMessage,
     wake::{Wake, doorbell},
     word::{At, EMPTY, NotAWord, RingLayout, SlotHead, Word},
+};
+pub(super) use self::{
+    lane::RingLane,
+    message::RingSendError,
+    receiver::{NotReleased, NotTaken, RingReceiver, TakenMessage},
+    segments::RingSegments,
+    send_queue::SendQueue,
+    sender::RingSender,
+    wake::wake_parked,
 };

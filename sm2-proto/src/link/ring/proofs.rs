@@ -5,12 +5,13 @@ use alloc::vec::Vec;
 use core::cell::Cell;
 
 use super::{
-    At, EMPTY, NotAWord, NotTaken, RingLayout, RingMemory, RingMessage, RingReceiver,
-    RingSendError, RingSender, SlotHead, Wake, Word,
+    At, CELL_WORDS, CellMessage, CellView, CellWord, EMPTY, NotAWord, NotTaken, RingLayout,
+    RingMemory, RingMessage, RingReceiver, RingSendError, RingSender, SlotHead, TakenMessage, Wake,
+    Word,
 };
 use crate::{
     Instant,
-    limits::SLOT_HEAD,
+    limits::{CELL_MAX, SLOT_HEAD},
     link::{
         Carrier, Delivery, Fate, MaxLen, Misuse, Payload, SegmentInfo, SlotRange, Status,
         segments::Geometry, wire::Given,
@@ -24,18 +25,25 @@ pub(super) const SEQUENCES: [u64; 6] = [1, 2, 1 << 31, (1 << 32) - 1, 1 << 32, (
 /// Any bits: one group of 16 is arbitrary, and the other groups have boundary values.
 fn any_bits() -> u64 {
     let (part, shift): (u16, usize) = (kani::any(), 16 * below(4));
-    let others = one_of(&[0, 1 << 31, u64::MAX, kani::any()]);
+    let others = one_of(&[0, 1 << 30, 1 << 31, u64::MAX, kani::any()]);
     others & !(0xffff << shift) | u64::from(part) << shift
 }
 
-/// RNG-INDEX: each word is empty, names a message, or is invalid, and no two words name the same
-/// message.
-//= SM2-RNG-003 kani
+/// RNG-INDEX: each word is empty, names a message in a slot, is that of a message in its cell, or is
+/// invalid, and no two words name the same message.
+//= SM2-RNG-003, SM2-RNG-013 kani
 // Shows RNG-INDEX (BoundariesAndSamples), bound: one word of all 64 bits.
 #[cfg_attr(kani, kani::proof)]
 fn words_are_canonical() {
     let bits = any_bits();
     let word = Word::from_bits(bits);
+    let cell = CellWord::from_bits(bits);
+    if let Some(cell) = cell {
+        assert_eq!(cell.to_bits(), bits);
+        assert_eq!(word, Err(NotAWord));
+        assert!(usize::from(cell.len) <= CELL_MAX && bits >> 30 & 3 == 1);
+        kani::cover!(cell.status != Status::Ok, "a reply in a cell");
+    }
     match word {
         Ok(None) => assert_eq!(bits, EMPTY),
         Ok(Some(word)) => {
@@ -47,7 +55,8 @@ fn words_are_canonical() {
         }
     }
     kani::cover!(matches!(word, Ok(Some(_))), "a message");
-    kani::cover!(word.is_err(), "neither");
+    kani::cover!(cell.is_some(), "a message in its cell");
+    kani::cover!(word.is_err() && cell.is_none(), "neither");
 }
 
 /// RNG-INDEX: the word of a message names exactly this message; other numbers have no word.
@@ -79,9 +88,9 @@ fn any_at() -> At {
     ])
 }
 
-/// RNG-INDEX: words do not overlap, and all words lie in the file, including those for any sequence
-/// number.
-//= SM2-RNG-002 kani
+/// RNG-INDEX: words and cells do not overlap, and all lie in the file, including those for any
+/// sequence number.
+//= SM2-RNG-002, SM2-RNG-013 kani
 // Shows RNG-INDEX (Samples), bound: any depth and window.
 #[cfg_attr(kani, kani::proof)]
 fn words_are_inside() {
@@ -94,7 +103,7 @@ fn words_are_inside() {
     kani::cover!(layout.is_none(), "no such ring");
     let Some(layout) = layout else { return };
     let size = layout.size_bytes();
-    assert!(size.is_multiple_of(4_096) && size <= 28_672);
+    assert!(size.is_multiple_of(4_096) && size <= 151_552);
     let sequence = one_of(&[0, 1, u64::MAX, kani::any()]);
     let back = layout.offset(At::Back(0)).map(|it| it % 64);
     assert_eq!(back, Some(0), "lines are not shared");
@@ -109,7 +118,13 @@ fn words_are_inside() {
     };
     assert_eq!(layout.offset(one).is_some(), inside(one));
     if let (Some(a), Some(b)) = (layout.offset(one), layout.offset(other)) {
-        assert!(a.is_multiple_of(8) && a + 8 <= size);
+        // The words behind a forward word belong to its cell.
+        let cell = match one {
+            At::Forward(_) => 8 + 8 * CELL_WORDS as u64,
+            _ => 8,
+        };
+        assert!(a.is_multiple_of(8) && a + cell <= size);
+        assert!(one == other || !(a..a + cell).contains(&b));
         assert_eq!(a == b, one == other);
         kani::cover!(
             matches!(one, At::Back(_)) && a > b,
@@ -153,6 +168,7 @@ struct Memory {
     forward: [Cell<u64>; 2],
     back: [Cell<u64>; 4],
     parked: [Cell<u64>; 2],
+    cells: [Cell<[u64; CELL_WORDS]>; 2],
 }
 
 impl Memory {
@@ -183,6 +199,17 @@ impl RingMemory for Memory {
         is_there
     }
 
+    fn write_cell(&self, index: u32, words: &[u64]) {
+        let cell = &self.cells[index as usize];
+        let mut now = cell.get();
+        now[..words.len()].copy_from_slice(words);
+        cell.set(now);
+    }
+
+    fn read_cell(&self, index: u32, words: &mut [u64]) {
+        words.copy_from_slice(&self.cells[index as usize].get()[..words.len()]);
+    }
+
     fn fence(&self) {}
 }
 
@@ -193,16 +220,20 @@ const SEGMENT: SegmentInfo = SegmentInfo {
 };
 
 /// Two ends that obey SPEC, and the messages between them. Each slot holds the message with the
-/// number of the slot.
+/// number of the slot; a message in a cell has its number as its time and in its payload.
 struct Ends {
     reliable: bool,
     memory: Memory,
     sender: RingSender,
     receiver: RingReceiver,
-    /// How each message was settled, by number.
+    /// How each message in a slot was settled, by number.
     fates: [Option<Fate>; 8],
+    /// Whether each message is in a cell, by number.
+    in_cell: [bool; 8],
     sent: u64,
+    /// The number of the last message that was taken.
     taken: u64,
+    takes: u64,
     held: Vec<u64>,
 }
 
@@ -210,16 +241,25 @@ impl Ends {
     fn new(reliable: bool) -> Self {
         let layout = RingLayout::new(2, 4).expect("a legal layout");
         let mut sender = RingSender::new(layout, Carrier::Data, reliable, false);
-        assert_eq!(sender.attach(&SEGMENT), Ok(()));
-        while sender.poll().is_some() {}
+        assert_eq!(sender.segments.attach(&SEGMENT), Ok(()));
+        while sender.segments.poll().is_some() {}
         Self {
             reliable,
             memory: Memory::default(),
             sender,
-            receiver: RingReceiver::new(layout, Carrier::Data, reliable, 2, MaxLen::GREATEST),
+            receiver: RingReceiver::new(
+                layout,
+                Carrier::Data,
+                reliable,
+                false,
+                2,
+                MaxLen::GREATEST,
+            ),
             fates: [None; 8],
+            in_cell: [false; 8],
             sent: 0,
             taken: 0,
+            takes: 0,
             held: Vec::new(),
         }
     }
@@ -229,8 +269,15 @@ impl Ends {
         (self.taken + 1).max(self.sent.saturating_sub(1))
     }
 
-    fn send(&mut self) {
+    fn send(&mut self, in_cell: bool) {
         let number = self.sent + 1;
+        let bytes = [number as u8];
+        let short = CellMessage {
+            id: number,
+            time: Instant(number),
+            status: Status::Ok,
+            bytes: &bytes,
+        };
         let message = RingMessage {
             key: number,
             id: number,
@@ -239,16 +286,19 @@ impl Ends {
             slot: number as u32,
         };
         let mut settled = |key, fate| settle(&mut self.fates, key, fate);
-        match self.sender.send(&self.memory, &message, &mut settled) {
+        let sent = match in_cell {
+            false => self.sender.send(&self.memory, &message, &mut settled),
+            true => (self.sender).send_in_cell(&self.memory, &short, &mut settled),
+        };
+        match sent {
             Ok(wake) => {
                 assert_eq!(wake, Wake::NotNeeded);
                 self.sent = number;
+                self.in_cell[number as usize] = in_cell;
             }
             Err(why) => {
                 assert!(self.reliable && why == RingSendError::Misuse(Misuse::NoRoom));
-                let sent = &self.fates[1..number as usize];
-                let unsettled = sent.iter().filter(|it| it.is_none());
-                assert!(self.sent - self.taken == 2 || unsettled.count() == 4);
+                assert!(self.sent - self.taken == 2 || self.sender.in_flight() == 4);
             }
         }
     }
@@ -269,12 +319,22 @@ impl Ends {
             Ok(Some(delivery)) => {
                 assert_eq!((delivery.sequence, delivery.id), (oldest, oldest));
                 assert_eq!(delivery.lost, oldest - self.taken - 1);
-                assert!(matches!(
-                    delivery.payload,
-                    Payload::Pooled { segment: 3, .. }
-                ));
                 self.taken = oldest;
-                self.held.push(oldest);
+                self.takes += 1;
+                match delivery.payload {
+                    Payload::Cell(bytes) => {
+                        assert!(self.in_cell[oldest as usize]);
+                        assert_eq!(
+                            (&*bytes, delivery.time),
+                            (&[oldest as u8][..], Instant(oldest))
+                        );
+                    }
+                    Payload::Pooled { segment: 3, .. } => {
+                        assert!(!self.in_cell[oldest as usize]);
+                        self.held.push(oldest);
+                    }
+                    other => panic!("{other:?}"),
+                }
             }
             Ok(None) => assert_eq!(self.taken, self.sent),
             Err(why) => {
@@ -295,15 +355,27 @@ impl Ends {
     fn harvest(&mut self) {
         let mut settled = |key, fate| settle(&mut self.fates, key, fate);
         assert_eq!(self.sender.harvest(&self.memory, &mut settled), Ok(()));
+        // All that the receiver took from cells is settled now, and all that it gave back.
+        assert_eq!(self.sender.in_flight(), self.held.len() + self.in_ring());
+    }
+
+    fn in_ring(&self) -> usize {
+        let words = self.memory.forward.iter();
+        words.filter(|it| it.get() != EMPTY).count()
     }
 
     fn check(&self) {
         self.sender.invariants();
         self.receiver.invariants();
+        assert_eq!(self.in_ring() as u64, self.sent + 1 - self.oldest());
+        let lost = self.sent - self.takes - self.in_ring() as u64;
+        assert_eq!(self.sender.counters().discarded, lost);
+        assert!(lost == 0 || !self.reliable);
         for number in 1..self.oldest() {
             let fate = self.fates[number as usize];
             let may_be_discarded = !self.reliable && !self.held.contains(&number);
             assert!(fate != Some(Fate::Discarded) || may_be_discarded);
+            assert!(fate.is_none() || !self.in_cell[number as usize]);
         }
     }
 }
@@ -315,8 +387,13 @@ pub(super) fn take(
     geometry: Option<Geometry>,
     head: impl Fn(SlotRange) -> Option<[u8; SLOT_HEAD]>,
 ) -> Result<Option<Delivery>, NotTaken> {
-    match receiver.take_word(words, |_| geometry, |_| {})? {
-        Some(taken) => receiver.receive(taken, head(taken.slot)).map(Some),
+    let mut cell = [0; CELL_WORDS];
+    match receiver.take_word(words, &mut cell, |_| geometry, |_| {})? {
+        Some(TakenMessage::Slot(taken)) => receiver.receive(taken, head(taken.slot)).map(Some),
+        Some(TakenMessage::Cell(word)) => {
+            let taken = receiver.receive_cell(word, &cell)?;
+            Ok(Some(taken.map_cell(CellView::to_bytes)))
+        }
         None => Ok(None),
     }
 }
@@ -338,7 +415,7 @@ fn the_last_two_are_there() {
     let mut ends = Ends::new(kani::any());
     for _ in 0..7 {
         match below(4) {
-            0 => ends.send(),
+            0 => ends.send(false),
             1 => ends.take(),
             2 => ends.release(),
             _ => ends.harvest(),
@@ -349,11 +426,38 @@ fn the_last_two_are_there() {
     kani::cover!(ends.reliable && ends.taken == 3, "three reliable ones");
 }
 
+/// RNG-FIFO: the same for six steps with messages in slots and in cells.
+//= SM2-RNG-005, SM2-RNG-007, SM2-RNG-008, SM2-RNG-013, SM2-QOS-001 kani
+// Shows RNG-FIFO (Exhaustive), bound: depth 2.
+#[cfg_attr(kani, kani::proof)]
+#[cfg_attr(kani, kani::unwind(17))]
+fn the_last_two_are_there_in_slots_or_cells() {
+    let mut ends = Ends::new(kani::any());
+    for _ in 0..6 {
+        match below(5) {
+            0 => ends.send(false),
+            1 => ends.send(true),
+            2 => ends.take(),
+            3 => ends.release(),
+            _ => ends.harvest(),
+        }
+        ends.check();
+    }
+    let cells = ends.in_cell.iter().filter(|it| **it).count();
+    kani::cover!(
+        ends.sender.counters().discarded > 0 && cells == 3 && ends.sent == 3,
+        "a cell, displaced by a cell"
+    );
+    kani::cover!(ends.fates.contains(&Some(Fate::Discarded)), "displaced");
+    kani::cover!(ends.reliable && ends.taken == 3, "three reliable ones");
+}
+
 #[cfg(test)]
 kani::explored! {
-    words_are_canonical: 2,
+    words_are_canonical: 4,
     only_small_numbers_have_words: 1,
     words_are_inside: 2,
     heads_are_canonical: 2,
     the_last_two_are_there: 2,
+    the_last_two_are_there_in_slots_or_cells: 3,
 }

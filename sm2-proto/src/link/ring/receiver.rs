@@ -8,10 +8,11 @@ mod proofs;
 use self::borrowed::Borrowed;
 use super::{
     super::{
-        Delivery, MaxLen, Misuse, Payload, SlotRange, TooManyBorrowed, frame_kind::Carrier,
+        Delivery, MaxLen, Misuse, Payload, SlotRange, Status, TooManyBorrowed, frame_kind::Carrier,
         segments::Geometry, wire::Given,
     },
-    At, EMPTY, RingLayout, RingMemory, SlotHead, Wake, Word, wake_parked,
+    At, CELL_WORDS, CellView, CellWord, EMPTY, RingLayout, RingMemory, SlotHead, Wake, Word,
+    wake_parked,
 };
 use crate::{
     Instant, Newest, Violation,
@@ -24,6 +25,10 @@ pub(in crate::link) struct RingReceiver {
     carrier: Carrier,
     /// Whether the sender may displace messages that were not taken.
     displaces: bool,
+    /// Whether the sender may put messages into cells.
+    cells: bool,
+    /// Whether a message came in a cell. The sender settles such messages when they are taken, and may wait for that.
+    pub(in crate::link) took_cell: bool,
     max_borrowed: u16,
     /// The length of the longest message that this end accepts, in bytes.
     max_len: u64,
@@ -54,6 +59,15 @@ pub(in crate::link) enum NotTaken {
     /// The segment is not attached. The socket may have the datagram that attaches it.
     UnknownSegment,
     Violation(Violation),
+}
+
+/// A message that was taken out of the ring.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub(in crate::link) enum TakenMessage {
+    /// Its head is in the slot that the word names.
+    Slot(TakenWord),
+    /// The message is in the copy of its cell.
+    Cell(CellWord),
 }
 
 /// The reason why a message was not given back.
@@ -92,6 +106,7 @@ impl RingReceiver {
         layout: RingLayout,
         carrier: Carrier,
         reliable: bool,
+        expires: bool,
         max_borrowed: u16,
         max_len: MaxLen,
     ) -> Self {
@@ -99,6 +114,8 @@ impl RingReceiver {
             layout,
             carrier,
             displaces: !reliable,
+            cells: !expires,
+            took_cell: false,
             max_borrowed,
             max_len: max_len.bytes(),
             next: 1,
@@ -159,11 +176,8 @@ impl RingReceiver {
     /// The newest message: the newest one in the ring, or else the last one that was taken.
     pub(in crate::link) fn newest(&self, words: &impl RingMemory) -> Newest {
         let depth = u32::from(self.layout.depth());
-        let words =
-            (0..depth).filter_map(|it| Word::from_bits(words.load(At::Forward(it))).ok()?);
-        let ahead = words
-            .map(|it| it.sequence.wrapping_sub(self.next as u32))
-            .max();
+        let sequences = (0..depth).filter_map(|it| sequence_of(words.load(At::Forward(it))));
+        let ahead = sequences.map(|it| it.wrapping_sub(self.next as u32)).max();
         match ahead {
             Some(ahead) => Newest {
                 sequence: self.next.saturating_add(u64::from(ahead)),
@@ -176,16 +190,18 @@ impl RingReceiver {
         }
     }
 
-    /// Takes the word of the next message out of the ring. The caller copies the head from the end of
-    /// its slot, and passes both to [`receive`](Self::receive).
-    //= SM2-RNG-007, SM2-MSG-005
+    /// Takes the word of the next message out of the ring. For a message in a cell, `cell` has a copy then, which the
+    /// caller passes to [`receive_cell`](Self::receive_cell). For another one it copies the head from the end of its
+    /// slot, and passes both to [`receive`](Self::receive).
+    //= SM2-RNG-007, SM2-RNG-013, SM2-MSG-005
     #[inline]
     pub(in crate::link) fn take_word(
         &mut self,
         words: &impl RingMemory,
+        cell: &mut [u64; CELL_WORDS],
         geometry: impl Fn(u32) -> Option<Geometry>,
         prefetch: impl Fn(SlotRange),
-    ) -> Result<Option<TakenWord>, NotTaken> {
+    ) -> Result<Option<TakenMessage>, NotTaken> {
         if self.left == Some(0) {
             return Ok(None);
         }
@@ -195,12 +211,24 @@ impl RingReceiver {
         for _ in 0..2 * u32::from(self.layout.depth()) {
             let at = self.layout.forward(self.next);
             let bits = words.load(at);
+            if let Some(word) = CellWord::from_bits(bits) {
+                if !self.cells {
+                    return Err(violation!(BadWord, "SM2-RNG-013").into());
+                }
+                if self.is_expected(word.sequence)? {
+                    copy_cell(words, at, word, cell);
+                    if words.take(at, bits) {
+                        return Ok(Some(TakenMessage::Cell(word)));
+                    }
+                }
+                continue;
+            }
             let word = Word::from_bits(bits);
             let word = word.map_err(|_| violation!(BadWord, "SM2-RNG-007"))?;
             let Some(word) = word else {
                 return Ok(None);
             };
-            if !self.is_expected(word)? {
+            if !self.is_expected(word.sequence)? {
                 continue;
             }
             if self.borrowed.len() >= usize::from(self.max_borrowed) {
@@ -213,7 +241,7 @@ impl RingReceiver {
             let slot = slot.ok_or(violation!(BadSlot, "SM2-RNG-007"))?;
             prefetch(slot);
             if words.take(at, bits) {
-                return Ok(Some(TakenWord { word, slot }));
+                return Ok(Some(TakenMessage::Slot(TakenWord { word, slot })));
             }
         }
         Ok(None)
@@ -231,7 +259,10 @@ impl RingReceiver {
         prefetch: impl Fn(SlotRange),
     ) {
         let at = self.layout.forward(self.next.wrapping_add(ahead));
-        if let Ok(Some(word)) = Word::from_bits(words.load(at))
+        let bits = words.load(at);
+        if CellWord::from_bits(bits).is_some() {
+            words.prefetch(at);
+        } else if let Ok(Some(word)) = Word::from_bits(bits)
             && let Some(segment) = geometry(word.segment.into())
             && let Some(slot) = word.place(segment)
         {
@@ -243,8 +274,8 @@ impl RingReceiver {
     /// function sets `next` to the message that is now expected.
     //= SM2-RNG-007
     #[inline]
-    fn is_expected(&mut self, word: Word) -> Result<bool, Violation> {
-        let ahead = u64::from(word.sequence.wrapping_sub(self.next as u32));
+    fn is_expected(&mut self, sequence: u32) -> Result<bool, Violation> {
+        let ahead = u64::from(sequence.wrapping_sub(self.next as u32));
         if ahead == 0 {
             return Ok(true);
         }
@@ -260,43 +291,92 @@ impl RingReceiver {
         Ok(false)
     }
 
+    /// Handles a message that was taken out of its cell: checks its head, and delivers it.
+    //= SM2-RNG-013, SM2-MSG-002
+    #[inline]
+    pub(in crate::link) fn receive_cell<'a>(
+        &mut self,
+        word: CellWord,
+        cell: &'a [u64; CELL_WORDS],
+    ) -> Result<Delivery<CellView<'a>>, NotTaken> {
+        let [id, time, payload @ ..] = cell;
+        let len = u64::from(word.len);
+        let sequence = self.advance()?;
+        self.took_cell = true;
+        if self.carrier != Carrier::Reply && word.status != Status::Ok {
+            return Err(violation!(ReservedNotZero, "SM2-RNG-013").into());
+        }
+        let lost = self.lost_before(*id, sequence);
+        let lost = lost.ok_or(violation!(BadId, "SM2-RNG-013"))?;
+        // The smallest limit of a receiver is greater.
+        debug_assert!(len <= self.max_len);
+        self.note_delivered(*id, Instant(*time));
+        Ok(Delivery {
+            sequence,
+            id: *id,
+            time: Instant(*time),
+            status: word.status,
+            lost,
+            len,
+            payload: Payload::Cell(CellView::new(payload, word.len)),
+        })
+    }
+
+    /// Expects the next message. Returns the sequence number of the one that was taken.
+    #[inline]
+    fn advance(&mut self) -> Result<u64, Violation> {
+        let sequence = self.next;
+        let next = sequence.checked_add(1);
+        self.next = next.ok_or(violation!(BadWord, "SM2-RNG-007"))?;
+        Ok(sequence)
+    }
+
+    /// How many messages were lost before the one that was taken; `None` if its id does not grow.
+    //= SM2-MSG-002, SM2-SRV-001
+    #[inline]
+    fn lost_before(&self, id: u64, sequence: u64) -> Option<u64> {
+        if self.carrier != Carrier::Reply && id <= self.last_id.unwrap_or(0) {
+            return None;
+        }
+        Some(match (self.carrier, self.last_id) {
+            (Carrier::Data, Some(last)) => id - last - 1,
+            // Every message that was displaced before the first one had a sequence number.
+            (Carrier::Data, None) => sequence - 1,
+            (Carrier::Request | Carrier::Reply, _) => 0,
+        })
+    }
+
+    #[inline]
+    const fn note_delivered(&mut self, id: u64, time: Instant) {
+        self.last_id = Some(id);
+        self.last_time = Some(time);
+        if let Some(left) = &mut self.left {
+            *left -= 1;
+        }
+    }
+
     /// Handles a word that was taken out of the ring: checks the head of its message and delivers
     /// it.
     //= SM2-RNG-004, SM2-PAY-005, SM2-PAY-006, SM2-PAY-008, SM2-PAY-010, SM2-MSG-002, SM2-SRV-001
     #[inline]
-    pub(in crate::link) fn receive(
+    pub(in crate::link) fn receive<C>(
         &mut self,
         TakenWord { word, slot }: TakenWord,
         head: Option<[u8; SLOT_HEAD]>,
-    ) -> Result<Delivery, NotTaken> {
-        let sequence = self.next;
-        self.next = sequence
-            .checked_add(1)
-            .ok_or(violation!(BadWord, "SM2-RNG-007"))?;
+    ) -> Result<Delivery<C>, NotTaken> {
+        let sequence = self.advance()?;
         if self.borrowed.is_at(word) {
             return Err(violation!(SlotBusy, "SM2-RNG-007").into());
         }
         let head = SlotHead::from_bytes(&head.ok_or(NotTaken::UnknownSegment)?, self.carrier)?;
-        let last_id = self.last_id;
-        if self.carrier != Carrier::Reply && head.id <= last_id.unwrap_or(0) {
-            return Err(violation!(BadId, "SM2-RNG-004").into());
-        }
+        let lost = self.lost_before(head.id, sequence);
+        let lost = lost.ok_or(violation!(BadId, "SM2-RNG-004"))?;
         // `max_len` is at most `MESSAGE_MAX`.
         if head.len > self.max_len || head.len > slot.stride - SLOT_HEAD as u64 {
             return Err(self.illegal_len(head.len, slot).into());
         }
-        let lost = match (self.carrier, last_id) {
-            (Carrier::Data, Some(last)) => head.id - last - 1,
-            // Every message that was displaced before the first one had a sequence number.
-            (Carrier::Data, None) => sequence - 1,
-            (Carrier::Request | Carrier::Reply, _) => 0,
-        };
-        self.last_id = Some(head.id);
-        self.last_time = Some(head.time);
         self.borrowed.push(sequence, word);
-        if let Some(left) = &mut self.left {
-            *left -= 1;
-        }
+        self.note_delivered(head.id, head.time);
         Ok(Delivery {
             sequence,
             id: head.id,
@@ -383,4 +463,20 @@ impl RingReceiver {
         debug_assert!(self.borrowed.len() <= usize::from(self.max_borrowed));
         debug_assert!(self.left.is_none_or(|left| left <= self.layout.depth()));
     }
+}
+
+/// Copies the message in a cell. The copy is whole if the word of the cell is then taken.
+#[inline]
+fn copy_cell(words: &impl RingMemory, at: At, word: CellWord, cell: &mut [u64; CELL_WORDS]) {
+    if let (At::Forward(index), Some(copy)) = (at, cell.get_mut(..word.words())) {
+        words.read_cell(index, copy);
+    }
+}
+
+/// The low half of the sequence number in a forward word.
+fn sequence_of(bits: u64) -> Option<u32> {
+    let in_slot = || Some(Word::from_bits(bits).ok()??.sequence);
+    CellWord::from_bits(bits)
+        .map(|it| it.sequence)
+        .or_else(in_slot)
 }

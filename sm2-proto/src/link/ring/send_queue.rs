@@ -39,8 +39,13 @@ impl SendQueue {
         Ok(())
     }
 
+    /// Notes a message that is sent without waiting here.
+    pub(in crate::link) const fn note(&mut self, id: u64) {
+        self.last_id = Some(id);
+    }
+
     pub(in crate::link) fn push(&mut self, message: RingMessage) {
-        self.last_id = Some(message.id);
+        self.note(message.id);
         self.messages.push_back(message);
     }
 

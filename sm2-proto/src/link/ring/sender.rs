@@ -2,25 +2,21 @@
 
 #[cfg(any(kani, test))]
 mod proofs;
+mod segments;
 
-use alloc::{collections::VecDeque, vec, vec::Vec};
-use core::num::NonZeroU64;
+use alloc::{vec, vec::Vec};
 
+use self::segments::{SenderSegments, Unsettled};
 use super::{
-    super::{
-        Counters, Fate, Misuse, SegmentInfo,
-        debt::Debt,
-        frame_kind::Carrier,
-        segments::{Geometry, SegmentFrame},
-    },
-    At, EMPTY, RingLayout, RingMemory, Wake, Word,
+    super::{Counters, Fate, Misuse, debt::Debt, frame_kind::Carrier},
+    At, CellMessage, CellWord, EMPTY, RingLayout, RingMemory, Wake, Word,
     message::{RingMessage, RingSendError},
     wake_parked,
 };
-use crate::{
-    Violation,
-    limits::{MESSAGE_MAX, RING_DISPLACED_MAX, RING_SEGMENTS_MAX, SEGMENTS_MAX, SLOT_HEAD},
-};
+use crate::{Violation, limits::RING_DISPLACED_MAX};
+
+/// How many messages ahead a cell is prefetched.
+const PREFETCHED: u64 = 4;
 
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
 pub(in crate::link) struct RingSender {
@@ -32,19 +28,19 @@ pub(in crate::link) struct RingSender {
     expires: bool,
     /// The sequence number of the last message.
     sequence: u64,
-    /// The word that this side last put at each index; [`EMPTY`] if it put none, or took the word
-    /// out itself.
+    /// The word that this side last put at each index; [`EMPTY`] if it put none, took the word out itself, or knows
+    /// that the receiver took it.
     forward: Vec<u64>,
+    /// How many messages in cells are not settled.
+    in_cells: u32,
+    /// All messages in cells up to this sequence number are settled. They are settled in order: the receiver takes them
+    /// in order, and the oldest one is displaced.
+    cells_settled: u64,
     /// How many messages the receiver gave back.
     returned: u64,
     /// How many messages are not settled.
     unreleased: u32,
-    /// The segments, indexed by number.
-    segments: Vec<Option<SenderSegment>>,
-    /// How many segment numbers are in use.
-    attached: usize,
-    /// The frames that have to be sent over the socket, the oldest first.
-    steps: VecDeque<SegmentFrame>,
+    pub(in crate::link) segments: SenderSegments,
     last_id: Option<u64>,
     /// How many messages were displaced since the receiver last took one.
     displaced: u32,
@@ -52,34 +48,6 @@ pub(in crate::link) struct RingSender {
     debt: Debt,
     /// Its `in_flight` is always zero: [`Self::counters`] computes the true value.
     counters: Counters,
-}
-
-/// A segment whose number is in use, because the other end may still use it.
-#[derive(Clone, Debug, PartialEq, Eq, Hash)]
-struct SenderSegment {
-    info: SegmentInfo,
-    state: State,
-    unreleased: u32,
-    /// The unsettled message in each slot.
-    slots: Vec<Option<Unsettled>>,
-}
-
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-enum State {
-    /// ATTACH has to be sent.
-    Attaching,
-    /// ATTACH was sent.
-    Attached,
-    /// DETACH has to be sent, or was sent and DETACHED has not come.
-    Detaching,
-}
-
-/// A message that is not settled.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-struct Unsettled {
-    key: u64,
-    /// From 1, so that no message takes no further space in the table.
-    sequence: NonZeroU64,
 }
 
 impl RingSender {
@@ -96,128 +64,16 @@ impl RingSender {
             expires,
             sequence: 0,
             forward: vec![EMPTY; usize::from(layout.depth())],
+            in_cells: 0,
+            cells_settled: 0,
             returned: 0,
             unreleased: 0,
-            segments: Vec::new(),
-            attached: 0,
-            steps: VecDeque::new(),
+            segments: SenderSegments::default(),
             last_id: None,
             displaced: 0,
             debt: Debt::default(),
             counters: Counters::default(),
         }
-    }
-
-    /// Attaches the segment, unless it is attached. If 256 numbers are in use, an idle segment is
-    /// detached instead, and the caller has to try again after DETACHED.
-    //= SM2-RNG-003, SM2-RNG-009, SM2-SEG-004
-    pub(in crate::link) fn attach(&mut self, info: &SegmentInfo) -> Result<(), Misuse> {
-        if let Some(segment) = self.segment(info.id) {
-            if segment.info == *info && segment.state != State::Detaching {
-                return Ok(());
-            }
-            return Err(match segment.state {
-                State::Detaching => Misuse::SegmentBusy,
-                State::Attaching | State::Attached => Misuse::SegmentChanged,
-            });
-        }
-        Geometry::new(info.stride, info.slots).ok_or(Misuse::BadSegment)?;
-        if info.id >= RING_SEGMENTS_MAX {
-            return Err(Misuse::BadSegment);
-        }
-        if self.attached >= SEGMENTS_MAX {
-            // Until DETACHED comes, messages in the new segment are refused.
-            self.detach_idle();
-            return Ok(());
-        }
-        let index = info.id as usize;
-        if self.segments.len() <= index {
-            self.segments.resize(index + 1, None);
-        }
-        if let Some(place) = self.segments.get_mut(index) {
-            *place = Some(SenderSegment {
-                info: *info,
-                state: State::Attaching,
-                unreleased: 0,
-                slots: vec![None; info.slots as usize],
-            });
-            self.attached += 1;
-            self.steps.push_back(SegmentFrame::Attach(*info));
-        }
-        Ok(())
-    }
-
-    /// Detaches an idle segment, unless one is being detached.
-    fn detach_idle(&mut self) {
-        let mut segments = self.segments.iter().flatten();
-        if segments.clone().any(|it| it.state == State::Detaching) {
-            return;
-        }
-        let idle = segments.find(|it| it.state == State::Attached && it.unreleased == 0);
-        if let Some(id) = idle.map(|it| it.info.id) {
-            self.start_detaching(id);
-        }
-    }
-
-    /// Called when the application will not use this segment again.
-    pub(in crate::link) fn retire(&mut self, id: u32) -> Result<(), Misuse> {
-        match self.segment(id) {
-            Some(segment) if segment.unreleased > 0 => Err(Misuse::SegmentBusy),
-            Some(SenderSegment { state, .. }) if *state != State::Detaching => {
-                self.start_detaching(id);
-                Ok(())
-            }
-            _ => Ok(()),
-        }
-    }
-
-    fn start_detaching(&mut self, id: u32) {
-        if let Some(segment) = self.segment_mut(id) {
-            segment.state = State::Detaching;
-            segment.slots = Vec::new();
-            self.steps.push_back(SegmentFrame::Detach(id));
-        }
-    }
-
-    /// Handles DETACHED.
-    //= SM2-RNG-009
-    pub(in crate::link) fn detached(&mut self, id: u32) -> Result<(), Violation> {
-        let is_announced = !self.steps.contains(&SegmentFrame::Detach(id));
-        match self.segments.get_mut(id as usize) {
-            Some(place)
-                if is_announced
-                    && place
-                        .as_ref()
-                        .is_some_and(|it| it.state == State::Detaching) =>
-            {
-                *place = None;
-                self.attached -= 1;
-                Ok(())
-            }
-            _ => Err(violation!(UnknownSegment, "SM2-RNG-009")),
-        }
-    }
-
-    /// Whether messages in this segment can be sent.
-    pub(in crate::link) fn is_attached(&self, info: &SegmentInfo) -> bool {
-        (self.segment(info.id)).is_some_and(|it| it.info == *info && it.state == State::Attached)
-    }
-
-    /// Whether a frame has to be sent over the socket.
-    pub(in crate::link) fn has_steps(&self) -> bool {
-        !self.steps.is_empty()
-    }
-
-    /// Returns the next frame that has to be sent over the socket. The caller sends it.
-    pub(in crate::link) fn poll(&mut self) -> Option<SegmentFrame> {
-        let step = self.steps.pop_front()?;
-        if let SegmentFrame::Attach(info) = step
-            && let Some(segment) = self.segment_mut(info.id)
-            && segment.state == State::Attaching
-        {
-            segment.state = State::Attached;
-        }
-        Some(step)
     }
 
     /// Whether one more message could be sent without displacing another and without being refused.
@@ -239,20 +95,163 @@ impl RingSender {
         settled: &mut impl FnMut(u64, Fate),
     ) -> Result<Wake, RingSendError> {
         let sequence = self.sequence + 1;
-        let word = self.check(message, sequence)?;
+        self.check_id(message.id)?;
+        let word = self.segments.check(message, sequence)?;
         if !self.displaces && !self.has_room(words) {
             return Err(Misuse::NoRoom.into());
         }
         let at = self.layout.forward(sequence);
         let room = self.make_room(words, at, settled);
         // From here on the message is settled like any other, whatever the receiver does.
-        self.enter(message, sequence);
+        self.enter(message.id, sequence);
+        self.segments.enter(message, sequence);
         room?;
         self.put(words, at, word.to_bits(), settled)?;
+        self.end_send(words)
+    }
+
+    /// Puts a short message into its cell. Returns whether the receiver has to be woken.
+    //= SM2-RNG-005, SM2-RNG-010, SM2-RNG-013
+    pub(in crate::link) fn send_in_cell(
+        &mut self,
+        words: &impl RingMemory,
+        message: &CellMessage<'_>,
+        settled: &mut impl FnMut(u64, Fate),
+    ) -> Result<Wake, RingSendError> {
+        let sequence = self.sequence + 1;
+        if self.expires {
+            return Err(Misuse::NotPooled.into());
+        }
+        self.check_id(message.id)?;
+        let word = CellWord::new(message.bytes.len(), message.status, sequence);
+        let word = word.ok_or(Misuse::TooLong)?;
+        if !self.displaces && !self.has_room(words) {
+            return Err(Misuse::NoRoom.into());
+        }
+        let at = self.layout.forward(sequence);
+        let room = self.make_room(words, at, settled);
+        let room = room.and_then(|()| self.clear(words, at, settled));
+        // From here on the message is settled like any other, whatever the receiver does.
+        self.enter(message.id, sequence);
+        self.in_cells += 1;
+        room?;
+        if let (At::Forward(index), Some(cell)) = (at, message.to_words().get(..word.words())) {
+            words.write_cell(index, cell);
+        }
+        if words.swap(at, word.to_bits()) != EMPTY {
+            return Err(violation!(BadWord, "SM2-RNG-005").into());
+        }
+        self.replace(at, word.to_bits());
+        let wake = self.end_send(words)?;
+        self.look_ahead(words);
+        Ok(wake)
+    }
+
+    /// Reads the next word now if the next call would have to: nobody waits meanwhile for its line, which the receiver
+    /// has written.
+    #[inline]
+    fn look_ahead(&mut self, words: &impl RingMemory) {
+        let next = self.layout.forward(self.sequence + 1);
+        if self.unreleased >= u32::from(self.layout.depth())
+            && !self.is_settled_at(next)
+            && words.load(next) == EMPTY
+        {
+            self.note_taken(next);
+        }
+        // The receiver watches the next cell, but not those after it.
+        if u64::from(self.layout.depth()) > 2 * PREFETCHED {
+            words.prefetch(self.layout.forward(self.sequence + PREFETCHED));
+        }
+    }
+
+    /// Ends a call that has put a message.
+    //= SM2-RNG-010, SM2-RNG-012
+    #[inline]
+    fn end_send(&self, words: &impl RingMemory) -> Result<Wake, RingSendError> {
         if self.displaced >= RING_DISPLACED_MAX {
             return Err(RingSendError::Stopped);
         }
         Ok(wake_parked(words, At::ReceiverParked))
+    }
+
+    /// Empties the cell at an index before it is written: the receiver may still copy a message that is in it.
+    //= SM2-RNG-013
+    #[inline]
+    fn clear(
+        &mut self,
+        words: &impl RingMemory,
+        at: At,
+        settled: &mut impl FnMut(u64, Fate),
+    ) -> Result<(), Violation> {
+        if self.is_settled_at(at) || words.load(at) == EMPTY {
+            // The receiver has taken the message, if there was one.
+            self.note_taken(at);
+            return Ok(());
+        }
+        self.put(words, at, EMPTY, settled)
+    }
+
+    /// Whether this side knows that the word at this index is empty.
+    #[inline]
+    fn is_settled_at(&self, at: At) -> bool {
+        let At::Forward(index) = at else {
+            return false;
+        };
+        match self.forward.get(index as usize) {
+            Some(&EMPTY) => true,
+            Some(&bits) => CellWord::from_bits(bits)
+                .is_some_and(|cell| self.sequence_of(cell) <= Some(self.cells_settled)),
+            None => false,
+        }
+    }
+
+    /// The sequence number of a message in the ring.
+    #[inline]
+    const fn sequence_of(&self, cell: CellWord) -> Option<u64> {
+        // The last `depth` numbers differ in their low halves.
+        let ago = (self.sequence as u32).wrapping_sub(cell.sequence);
+        self.sequence.checked_sub(ago as u64)
+    }
+
+    /// The word at this index is empty: the receiver has taken the message that this side put there.
+    #[inline]
+    fn note_taken(&mut self, at: At) {
+        let before = self.replace(at, EMPTY);
+        // If this side took the word out itself, the empty word does not show that the receiver took a message.
+        if before != EMPTY {
+            self.displaced = 0;
+        }
+        if let Some(cell) = CellWord::from_bits(before) {
+            // Otherwise it is settled already.
+            let _ = self.settle_cell(cell, Fate::Delivered);
+        }
+    }
+
+    /// Notes the word that this side puts at an index. Returns the one before.
+    #[inline]
+    fn replace(&mut self, at: At, bits: u64) -> u64 {
+        match at {
+            At::Forward(index) => match self.forward.get_mut(index as usize) {
+                Some(ours) => core::mem::replace(ours, bits),
+                None => EMPTY,
+            },
+            _ => EMPTY,
+        }
+    }
+
+    /// Settles a message in a cell. `None` if it is settled.
+    #[inline]
+    fn settle_cell(&mut self, cell: CellWord, fate: Fate) -> Option<()> {
+        let sequence = self.sequence_of(cell)?;
+        if sequence <= self.cells_settled {
+            return None;
+        }
+        self.cells_settled = sequence;
+        self.debt.settle(sequence);
+        self.in_cells -= 1;
+        self.unreleased -= 1;
+        *self.counters.of_mut(fate) += 1;
+        Some(())
     }
 
     /// If the window is full, takes the oldest message out of the ring and settles the messages
@@ -275,50 +274,21 @@ impl RingSender {
         Ok(())
     }
 
-    /// Records a message that [`check`](Self::check) has allowed.
+    /// Records a message that may be sent.
     #[inline]
-    fn enter(&mut self, message: &RingMessage, sequence: u64) {
+    const fn enter(&mut self, id: u64, sequence: u64) {
         self.sequence = sequence;
-        self.last_id = Some(message.id);
+        self.last_id = Some(id);
         self.counters.offered += 1;
         self.unreleased += 1;
-        if let Some(segment) = self.segment_mut(message.segment.id) {
-            segment.unreleased += 1;
-            if let Some(slot) = segment.slots.get_mut(message.slot as usize) {
-                let key = message.key;
-                *slot = NonZeroU64::new(sequence).map(|sequence| Unsettled { key, sequence });
-            }
-        }
     }
 
-    /// Checks whether the message may be sent. Returns its word.
-    //= SM2-RNG-003, SM2-PAY-005, SM2-PAY-008
     #[inline]
-    fn check(&self, message: &RingMessage, sequence: u64) -> Result<Word, Misuse> {
-        let RingMessage {
-            segment: info,
-            slot,
-            ..
-        } = message;
-        let segment = self.segment(info.id).ok_or(Misuse::NotAttached)?;
-        if segment.state != State::Attached {
-            return Err(Misuse::NotAttached);
-        }
-        if segment.info != *info {
-            return Err(Misuse::SegmentChanged);
-        }
-        if message.len > MESSAGE_MAX.min(info.stride - SLOT_HEAD as u64) {
-            return Err(Misuse::TooLong);
-        }
-        if self.carrier != Carrier::Reply && message.id <= self.last_id.unwrap_or(0) {
+    fn check_id(&self, id: u64) -> Result<(), Misuse> {
+        if self.carrier != Carrier::Reply && id <= self.last_id.unwrap_or(0) {
             return Err(Misuse::IdNotGrowing);
         }
-        match segment.slots.get(*slot as usize) {
-            None => return Err(Misuse::SlotOutside),
-            Some(Some(_)) => return Err(Misuse::SlotBusy),
-            Some(None) => {}
-        }
-        Word::new(info.id, *slot, sequence).ok_or(Misuse::SlotOutside)
+        Ok(())
     }
 
     /// Puts a word at an index and settles the message that it displaced.
@@ -330,29 +300,24 @@ impl RingSender {
         bits: u64,
         settled: &mut impl FnMut(u64, Fate),
     ) -> Result<(), Violation> {
-        let At::Forward(index) = at else {
-            return Ok(());
-        };
-        let Some(ours) = self.forward.get_mut(index as usize) else {
-            return Ok(());
-        };
-        let put = core::mem::replace(ours, bits);
         let was = words.swap(at, bits);
         if was == EMPTY {
-            // If this side took the word out itself, the empty word does not show that the receiver
-            // took a message.
-            if put != EMPTY {
-                self.displaced = 0;
-            }
+            self.note_taken(at);
+            self.replace(at, bits);
             return Ok(());
         }
+        let put = self.replace(at, bits);
         if was != put || !self.displaces {
             return Err(violation!(BadWord, "SM2-RNG-005"));
+        }
+        self.displaced = self.displaced.saturating_add(1);
+        if let Some(cell) = CellWord::from_bits(put) {
+            let displaced = self.settle_cell(cell, Fate::Discarded);
+            return displaced.ok_or(violation!(BadWord, "SM2-RNG-005"));
         }
         // `settle` fails if this message was already given back, so no message is counted twice.
         let displaced = self.settle(put);
         let (key, _) = displaced.ok_or(violation!(BadWord, "SM2-RNG-005"))?;
-        self.displaced = self.displaced.saturating_add(1);
         self.counters.discarded += 1;
         settled(key, Fate::Discarded);
         Ok(())
@@ -377,7 +342,35 @@ impl RingSender {
             *self.counters.of_mut(fate) += 1;
             settled(key, fate);
         }
+        self.harvest_cells(words);
         Ok(())
+    }
+
+    /// Settles the messages in cells that the receiver has taken.
+    //= SM2-RNG-013
+    fn harvest_cells(&mut self, words: &impl RingMemory) {
+        if self.in_cells == 0 {
+            return;
+        }
+        let is_taken = |words: &_, at| RingMemory::load(words, at) == EMPTY;
+        // The receiver takes messages in order, so often one look suffices.
+        if is_taken(words, self.layout.forward(self.sequence)) && !self.debt.is_owed() {
+            self.counters.delivered += u64::from(self.in_cells);
+            self.unreleased -= self.in_cells;
+            self.in_cells = 0;
+            self.cells_settled = self.sequence;
+            self.displaced = 0;
+            return;
+        }
+        let depth = u64::from(self.layout.depth());
+        let oldest = self.sequence.saturating_sub(depth).max(self.cells_settled) + 1;
+        for sequence in oldest..=self.sequence {
+            let at = self.layout.forward(sequence);
+            if !is_taken(words, at) {
+                break;
+            }
+            self.note_taken(at);
+        }
     }
 
     /// Settles the message that these bits name, and returns its key and whether it was delivered or
@@ -387,19 +380,18 @@ impl RingSender {
     fn settle(&mut self, bits: u64) -> Option<(u64, Fate)> {
         let word = Word::from_bits(bits).ok()??;
         let expires = self.expires;
-        let segment = self.segment_mut(u32::from(word.segment))?;
-        let slot = segment.slots.get_mut(usize::from(word.slot))?;
-        let Unsettled { key, sequence } = (*slot)?;
-        let sequence = sequence.get();
-        let fate = if sequence as u32 == word.sequence {
-            Fate::Delivered
-        } else if expires && sequence as u32 == !word.sequence {
-            Fate::Expired
-        } else {
-            return None;
-        };
-        *slot = None;
-        segment.unreleased -= 1;
+        let settled = (self.segments).settle(word, |Unsettled { key, sequence }| {
+            let sequence = sequence.get();
+            let fate = if sequence as u32 == word.sequence {
+                Fate::Delivered
+            } else if expires && sequence as u32 == !word.sequence {
+                Fate::Expired
+            } else {
+                return None;
+            };
+            Some((key, sequence, fate))
+        });
+        let (key, sequence, fate) = settled?;
         self.unreleased -= 1;
         self.debt.settle(sequence);
         Some((key, fate))
@@ -424,14 +416,11 @@ impl RingSender {
     /// to `each`.
     //= SM2-OPN-009
     pub(in crate::link) fn end(&mut self, mut each: impl FnMut(u64)) {
-        let slots = self.segments.drain(..).flatten().flat_map(|it| it.slots);
-        for sent in slots.flatten() {
-            each(sent.key);
-        }
+        self.segments.keys().for_each(&mut each);
+        self.segments.clear();
         self.counters.closed += u64::from(self.unreleased);
         self.unreleased = 0;
-        self.attached = 0;
-        self.steps.clear();
+        self.in_cells = 0;
         self.debt.clear();
     }
 
@@ -442,9 +431,7 @@ impl RingSender {
 
     /// The keys of the messages that are not settled.
     pub(in crate::link) fn keys(&self) -> impl Iterator<Item = u64> {
-        let slots = self.segments.iter().flatten().flat_map(|it| &it.slots);
-        let unsettled = slots.flatten().map(|it| it.key);
-        unsettled.take(self.unreleased as usize)
+        (self.segments.keys()).take((self.unreleased - self.in_cells) as usize)
     }
 
     pub(in crate::link) const fn in_flight(&self) -> usize {
@@ -460,16 +447,6 @@ impl RingSender {
         }
     }
 
-    #[inline]
-    fn segment(&self, id: u32) -> Option<&SenderSegment> {
-        self.segments.get(id as usize)?.as_ref()
-    }
-
-    #[inline]
-    fn segment_mut(&mut self, id: u32) -> Option<&mut SenderSegment> {
-        self.segments.get_mut(id as usize)?.as_mut()
-    }
-
     /// Checks the invariants, which hold after each call.
     #[inline]
     pub(in crate::link) fn invariants(&self) {
@@ -477,10 +454,8 @@ impl RingSender {
             let it = self.counters();
             debug_assert!(it.is_balanced(), "{it:?}");
             debug_assert!(self.debt.left() <= it.in_flight);
-            let segments = self.segments.iter().flatten();
-            debug_assert_eq!(self.attached, segments.clone().count());
-            let unreleased: u32 = segments.map(|it| it.unreleased).sum();
-            debug_assert_eq!(unreleased, self.unreleased);
+            let in_slots = self.segments.invariants();
+            debug_assert_eq!(in_slots + self.in_cells, self.unreleased);
             debug_assert!(self.unreleased <= self.layout.window());
         }
     }

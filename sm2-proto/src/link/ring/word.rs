@@ -96,6 +96,8 @@ pub struct RingLayout {
 impl RingLayout {
     /// The offset of the forward words, in bytes.
     const FORWARD: u64 = 128;
+    /// The size of a cell: a forward word, and the words of its message.
+    const CELL: u64 = 128;
     const LINE: u64 = 64;
     /// The size of the file is a multiple of this, in bytes.
     const UNIT: u64 = 4_096;
@@ -130,7 +132,7 @@ impl RingLayout {
             At::ReceiverParked => Some(0),
             At::SenderParked => Some(Self::LINE),
             At::Forward(index) if index < self.depth as u32 => {
-                Some(Self::FORWARD + 8 * index as u64)
+                Some(Self::FORWARD + Self::CELL * index as u64)
             }
             At::Back(index) if index < self.window => Some(self.back() + 8 * index as u64),
             At::Forward(_) | At::Back(_) => None,
@@ -139,7 +141,7 @@ impl RingLayout {
 
     #[inline]
     const fn back(self) -> u64 {
-        (Self::FORWARD + 8 * self.depth as u64).next_multiple_of(Self::LINE)
+        Self::FORWARD + Self::CELL * self.depth as u64
     }
 
     /// The size of the file, in bytes.
@@ -151,13 +153,23 @@ impl RingLayout {
     /// The forward word for the message with this sequence number.
     #[inline]
     pub(super) const fn forward(self, sequence: u64) -> At {
-        At::Forward((sequence % self.depth as u64) as u32)
+        At::Forward(remainder(sequence, self.depth as u32))
     }
 
     /// The back word for the next message that is given back, after `given` messages.
     #[inline]
     pub(super) const fn back_word(self, given: u64) -> At {
-        At::Back((given % self.window as u64) as u32)
+        At::Back(remainder(given, self.window))
+    }
+}
+
+/// `number % of`. Each message asks for several remainders, and a division takes ten cycles.
+#[inline]
+const fn remainder(number: u64, of: u32) -> u32 {
+    if of & (of - 1) == 0 {
+        number as u32 & (of - 1)
+    } else {
+        (number % of as u64) as u32
     }
 }
 

@@ -5,7 +5,7 @@ use core::cell::{Cell, RefCell};
 
 use crate::{
     fuzz::Script,
-    link::{At, EMPTY, RingLayout, RingMemory},
+    link::{At, CELL_WORDS, EMPTY, RingLayout, RingMemory},
 };
 
 /// A ring memory that can answer anything.
@@ -62,9 +62,31 @@ impl<'a> Hostile<'a> {
             .unwrap_or(EMPTY)
     }
 
+    /// The offset of the first word of a cell behind its forward word.
+    fn cell(&self, index: u32, words: usize) -> u64 {
+        assert!(words <= CELL_WORDS, "{words} words of a cell");
+        self.offset(At::Forward(index)) + 8
+    }
+
+    /// Writes the first words of a cell.
+    pub(super) fn set_cell(&self, index: u32, words: &[u64]) {
+        let first = self.cell(index, words.len());
+        let offsets = (first..).step_by(8);
+        let mut memory = self.memory.borrow_mut();
+        memory.extend(offsets.zip(words.iter().copied()));
+    }
+
+    fn count(&self) {
+        self.accesses.set(self.accesses.get() + 1);
+    }
+
     /// Answers with the true value, or with a value from fuzz input.
     fn answer(&self, right: u64) -> u64 {
-        self.accesses.set(self.accesses.get() + 1);
+        self.count();
+        self.lie(right)
+    }
+
+    fn lie(&self, right: u64) -> u64 {
         let mut script = self.script.borrow_mut();
         let mut lie = || {
             let kind = script.byte()?;
@@ -103,6 +125,20 @@ impl RingMemory for Hostile<'_> {
             self.set(at, EMPTY);
         }
         answer
+    }
+
+    fn write_cell(&self, index: u32, words: &[u64]) {
+        self.count();
+        self.set_cell(index, words);
+    }
+
+    fn read_cell(&self, index: u32, words: &mut [u64]) {
+        self.count();
+        let first = self.cell(index, words.len());
+        for (offset, word) in (first..).step_by(8).zip(words) {
+            let right = self.memory.borrow().get(&offset).copied();
+            *word = self.lie(right.unwrap_or(0));
+        }
     }
 
     fn fence(&self) {}

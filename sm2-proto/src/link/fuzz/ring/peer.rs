@@ -5,7 +5,7 @@ use super::{super::NOW, Ring, SLOTS, segment};
 use crate::{
     Datagram, FdFacts, Machine, Seals,
     fuzz::Script,
-    link::{At, Delivery, EMPTY, Input, Payload, Word, wire::Frame},
+    link::{At, CellWord, Delivery, EMPTY, Input, Payload, Word, wire::Frame},
 };
 
 impl Ring<'_> {
@@ -26,7 +26,8 @@ impl Ring<'_> {
             // The peer will claim to have taken the message, but leaves its word in the ring.
             self.outgoing.set(At::Forward(index), bits);
         }
-        if bits != EMPTY {
+        // A message in a cell is not given back.
+        if bits != EMPTY && (CellWord::from_bits(bits).is_none() || script.rarely()?) {
             self.taken.push(bits);
         }
         if script.byte()? % 2 == 0 && !self.taken.is_empty() {

@@ -4,12 +4,12 @@ use core::cell::Cell;
 
 use super::{
     super::proofs::{SEQUENCES, take},
-    At, EMPTY, Misuse, NotReleased, NotTaken, RING_DISPLACED_MAX, RingLayout, RingMemory,
-    RingReceiver, SlotHead, Wake, Word,
+    At, CELL_WORDS, CellWord, EMPTY, Misuse, NotReleased, NotTaken, RING_DISPLACED_MAX, RingLayout,
+    RingMemory, RingReceiver, SlotHead, Wake, Word,
 };
 use crate::{
     Instant,
-    link::{Carrier, MaxLen, Payload, Status, segments::Geometry, wire::Given},
+    link::{Carrier, Delivery, MaxLen, Payload, Status, segments::Geometry, wire::Given},
     proofs::{below, one_of},
 };
 
@@ -20,7 +20,7 @@ fn receiver(depth: u16, reliable: bool, next: u64) -> RingReceiver {
     let layout = RingLayout::new(depth, u32::from(depth) + 2).expect("a legal layout");
     RingReceiver {
         next,
-        ..RingReceiver::new(layout, Carrier::Data, reliable, 2, MaxLen::GREATEST)
+        ..RingReceiver::new(layout, Carrier::Data, reliable, false, 2, MaxLen::GREATEST)
     }
 }
 
@@ -45,13 +45,8 @@ fn only_later_rounds_are_believed() {
         }
         _ => 0_u32.wrapping_sub(u32::from(depth) * kani::any::<u8>() as u32),
     };
-    let word = Word {
-        segment: 0,
-        slot: 0,
-        sequence: (next as u32).wrapping_add(ahead),
-    };
     let mut receiver = receiver(depth, reliable, next);
-    let verdict = receiver.is_expected(word);
+    let verdict = receiver.is_expected((next as u32).wrapping_add(ahead));
     let ahead = u64::from(ahead);
     let goes_round = !reliable && ahead % rounds == 0 && ahead < (1 << 31) + rounds;
     match verdict {
@@ -80,21 +75,25 @@ fn only_later_rounds_are_believed() {
 // Shows RNG-HOSTILE (Exhaustive), bound: the last sequence numbers.
 #[cfg_attr(kani, kani::proof)]
 fn numbers_end() {
-    let next = u64::MAX - u64::from(kani::any::<u8>());
+    let next = u64::MAX - below(128) as u64;
     let mut receiver = receiver(1, false, next);
     let ahead = u32::from(kani::any::<u8>());
     let sequence = (next as u32).wrapping_add(ahead);
-    let bits = Word {
-        segment: 0,
-        slot: 0,
-        sequence,
-    }
-    .to_bits();
+    let bits = match kani::any() {
+        false => Word {
+            segment: 0,
+            slot: 0,
+            sequence,
+        }
+        .to_bits(),
+        true => cell(0, Status::Ok, sequence),
+    };
     let words = Answers {
         next: Cell::new(0),
         answers: [bits, 1, bits, 1],
         accesses: Cell::new(0),
         depth: 1,
+        id: 1,
     };
     let mut head = [0; 64];
     head[0] = 1;
@@ -109,12 +108,23 @@ fn numbers_end() {
     kani::cover!(matches!(taken, Ok(Some(_))), "one of the last");
 }
 
-/// A ring memory that answers each access with the next of these values.
+/// The bits of the word of a message in a cell.
+fn cell(len: u8, status: Status, sequence: u32) -> u64 {
+    CellWord {
+        len,
+        status,
+        sequence,
+    }
+    .to_bits()
+}
+
+/// A ring memory that answers each access with the next of these values, and each access to a cell with this id.
 struct Answers {
     next: Cell<usize>,
     answers: [u64; 4],
     accesses: Cell<u32>,
     depth: u32,
+    id: u64,
 }
 
 impl Answers {
@@ -143,20 +153,20 @@ impl RingMemory for Answers {
         self.answer(at) & 1 == 1
     }
 
+    fn write_cell(&self, _: u32, _: &[u64]) {
+        panic!("a receiver does not")
+    }
+
+    fn read_cell(&self, index: u32, words: &mut [u64]) {
+        assert!(index < self.depth && words.len() <= CELL_WORDS);
+        words.fill(self.id);
+    }
+
     fn fence(&self) {}
 }
 
-/// RNG-HOSTILE: whatever the words contain, `take` makes a bounded number of accesses. It returns
-/// nothing, or a message that lies in its segment and that the application does not hold yet.
-//= SM2-RNG-007, SM2-RNG-010, SM2-PAY-003, SM2-PAY-005 kani
-// Shows RNG-HOSTILE (Samples), bound: one step, any words.
-#[cfg_attr(kani, kani::proof)]
-// Two rounds of two words, and the same number of accesses to find the oldest message; four
-// answers.
-#[cfg_attr(kani, kani::unwind(66))]
-fn a_look_at_any_words() {
-    let (depth, next) = (one_of(&[1, 2]), 5);
-    let mut receiver = receiver(depth, kani::any(), next);
+/// One of the words that a peer can write where message 5 is expected.
+fn any_word() -> u64 {
     let word = |slot, sequence| {
         Word {
             segment: 0,
@@ -165,6 +175,51 @@ fn a_look_at_any_words() {
         }
         .to_bits()
     };
+    one_of(&[
+        EMPTY,
+        1,
+        word(0, 5),
+        word(1, 5),
+        word(2, 5),
+        word(0, 7),
+        cell(104, Status::Ok, 5),
+        cell(3, Status::Ok, 7),
+        cell(105, Status::Ok, 5),
+        cell(0, Status::Failed, 5),
+    ])
+}
+
+/// Checks a message that came by one of these words, with the id 9 after the id 4.
+fn check_delivery(receiver: &RingReceiver, delivery: &Delivery) {
+    assert!(delivery.id == 9 && delivery.lost == 4 && delivery.status == Status::Ok);
+    match &delivery.payload {
+        Payload::Pooled { offset, .. } => {
+            assert!(offset + delivery.len + 64 <= 8_192);
+            assert!(
+                *offset == 0 || receiver.borrowed.len() == 1,
+                "slot 1 may be held"
+            );
+        }
+        Payload::Cell(bytes) => {
+            let number = (bytes.len(), delivery.sequence);
+            assert!(receiver.cells && matches!(number, (104, 5) | (3, 7)));
+            kani::cover!(receiver.left == Some(0), "the last one, in a cell");
+        }
+        other => panic!("{other:?}"),
+    }
+}
+
+/// RNG-HOSTILE: whatever the words contain, `take` makes a bounded number of accesses. It returns
+/// nothing, or a message that lies in its segment and that the application does not hold yet.
+//= SM2-RNG-007, SM2-RNG-010, SM2-RNG-013, SM2-PAY-003, SM2-PAY-005 kani
+// Shows RNG-HOSTILE (Samples), bound: one step, any words.
+#[cfg_attr(kani, kani::proof)]
+// Two rounds of two words, and the same number of accesses to find the oldest message; four
+// answers.
+#[cfg_attr(kani, kani::unwind(66))]
+fn a_look_at_any_words() {
+    let (depth, next) = (one_of(&[1, 2]), 5);
+    let mut receiver = receiver(depth, kani::any(), next);
     let held = Word {
         segment: 0,
         slot: 1,
@@ -176,12 +231,14 @@ fn a_look_at_any_words() {
     if kani::any() {
         receiver.end(kani::any());
     }
-    let any = || one_of(&[EMPTY, 1, word(0, 5), word(1, 5), word(2, 5), word(0, 7)]);
+    receiver.cells = kani::any();
+    receiver.last_id = Some(4);
     let words = Answers {
         next: Cell::new(0),
-        answers: [any(), any(), any(), any()],
+        answers: [any_word(), any_word(), any_word(), any_word()],
         accesses: Cell::new(0),
         depth: depth.into(),
+        id: one_of(&[4, 9]),
     };
     let head = SlotHead {
         id: 9,
@@ -200,19 +257,20 @@ fn a_look_at_any_words() {
     assert!(receiver.next >= next);
     if let Ok(Some(delivery)) = &taken {
         assert!(delivery.sequence >= next && receiver.next == delivery.sequence + 1);
-        let Payload::Pooled { offset, .. } = delivery.payload else {
-            panic!("it is pooled");
-        };
-        assert!(offset + delivery.len + 64 <= 8_192);
-        assert!(
-            offset == 0 || receiver.borrowed.len() == 1,
-            "slot 1 may be held"
+        check_delivery(&receiver, delivery);
+        assert_eq!(
+            copies.get() == 0,
+            matches!(delivery.payload, Payload::Cell(_))
         );
         kani::cover!(delivery.sequence > 5, "after a round");
     }
     kani::cover!(
         taken == Err(NotTaken::Violation(violation!(SlotBusy, "SM2-RNG-007"))),
         "it is held"
+    );
+    kani::cover!(
+        taken == Err(NotTaken::Violation(violation!(BadId, "SM2-RNG-013"))),
+        "a cell with an id of the past"
     );
     kani::cover!(
         receiver.left == Some(0) && taken == Ok(None),
@@ -240,6 +298,7 @@ fn a_message_is_given_back_once() {
         answers: [any(), any(), any(), 0],
         accesses: Cell::new(0),
         depth: 2,
+        id: 0,
     };
     let sequence = one_of(&[3, 4, u64::MAX]);
     let released = receiver.release_all(&words, [sequence], Given::Consumed);
@@ -262,6 +321,6 @@ fn a_message_is_given_back_once() {
 kani::explored! {
     only_later_rounds_are_believed: 2,
     numbers_end: 2,
-    a_look_at_any_words: 3,
+    a_look_at_any_words: 5,
     a_message_is_given_back_once: 2,
 }

@@ -1,0 +1,118 @@
+//! Private memory for messages that came in cells of a ring.
+
+use std::sync::Arc;
+
+use sm2_proto::link::CellView;
+
+use crate::driver::origin::{CellCopy, Origin};
+
+/// How many copies are kept. A program that holds more messages of one link at a time allocates for each further one.
+const KEPT: usize = 64;
+
+/// How many copies are looked at before another one is allocated.
+const LOOKS: usize = 8;
+
+/// Copies of messages that are used again once the program has dropped their messages.
+#[derive(Debug, Default)]
+pub(super) struct Cells {
+    kept: Vec<Arc<CellCopy>>,
+    /// The copy after the one that was used last. Messages that are taken together are dropped in order.
+    next: usize,
+}
+
+impl Cells {
+    /// Copies a message of this link.
+    #[inline]
+    pub(super) fn copy(&mut self, cell: CellView<'_>, origin: &Arc<Origin>) -> Arc<CellCopy> {
+        for _ in 0..LOOKS.min(self.kept.len()) {
+            let index = if self.next < self.kept.len() {
+                self.next
+            } else {
+                0
+            };
+            self.next = index + 1;
+            if let Some(kept) = self.kept.get_mut(index)
+                && Arc::strong_count(kept) == 1
+                && let Some(copy) = Arc::get_mut(kept)
+            {
+                copy.bytes.fill(cell);
+                return Arc::clone(kept);
+            }
+        }
+        self.copy_anew(cell, origin)
+    }
+
+    #[cold]
+    fn copy_anew(&mut self, cell: CellView<'_>, origin: &Arc<Origin>) -> Arc<CellCopy> {
+        let copy = Arc::new(CellCopy {
+            bytes: cell.to_bytes(),
+            origin: Arc::clone(origin),
+        });
+        if self.kept.len() < KEPT {
+            self.kept.push(Arc::clone(&copy));
+        }
+        copy
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::HashSet;
+    use std::sync::Weak;
+
+    use sm2_proto::control::LinkPeer;
+    use sm2_proto::{Contract, DemandedQos, InterfaceId, Name, NodeId};
+
+    use super::*;
+    use crate::driver::origin::GiveBack;
+    use crate::driver::token::LinkToken;
+
+    #[derive(Debug)]
+    struct Nothing;
+
+    impl GiveBack for Nothing {
+        fn give_back(&self, _: LinkToken, _: u64) {}
+    }
+
+    fn copy(cells: &mut Cells, byte: u8, origin: &Arc<Origin>) -> Arc<CellCopy> {
+        let words = [u64::from_le_bytes([byte; 8]); 13];
+        cells.copy(CellView::new(&words, 8), origin)
+    }
+
+    #[test]
+    fn a_copy_is_used_again_once_its_message_is_dropped() {
+        let interface: Weak<Nothing> = Weak::new();
+        let name = |text| Name::new(text).unwrap();
+        let peer = LinkPeer {
+            node: NodeId(1),
+            name: name("peer"),
+            interface: InterfaceId(1),
+            contract: Contract::Subscriber {
+                topic: name("topic"),
+                data: None,
+                demand: DemandedQos::new(1, 1),
+            },
+        };
+        let origin = Arc::new(Origin {
+            token: LinkToken(1),
+            peer: Arc::new(peer),
+            interface,
+        });
+        let mut cells = Cells::default();
+        let mut held: Vec<_> = (0..100).map(|it| copy(&mut cells, it, &origin)).collect();
+        assert_eq!(cells.kept.len(), KEPT, "the others are not kept");
+        for (number, held) in held.iter().enumerate() {
+            assert_eq!(held.bytes[..], [number as u8; 8]);
+        }
+        let kept: HashSet<_> = cells.kept.iter().map(Arc::as_ptr).collect();
+        // One message stays, and keeps its bytes.
+        let stays = held.swap_remove(7);
+        drop(held);
+        for byte in 100..250 {
+            let next = copy(&mut cells, byte, &origin);
+            assert!(kept.contains(&Arc::as_ptr(&next)) && !Arc::ptr_eq(&next, &stays));
+            assert_eq!(next.bytes[..], [byte; 8]);
+            assert_eq!(stays.bytes[..], [7; 8]);
+        }
+    }
+}
