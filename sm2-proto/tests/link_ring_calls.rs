@@ -16,7 +16,7 @@ use sm2_proto::{
 
 /// The server takes requests with depth 2 and two borrowed. The caller has room for the replies of
 /// three calls.
-fn pair() -> Calls {
+pub(crate) fn pair() -> Calls {
     Calls::open([1, 2], [3, 2])
 }
 
@@ -151,7 +151,7 @@ fn calls_and_replies_that_wait_for_room() {
     );
 }
 
-fn request(id: u64, slot: u32) -> OutboundMessage {
+pub(crate) fn request(id: u64, slot: u32) -> OutboundMessage {
     OutboundMessage {
         key: id,
         id,
@@ -231,7 +231,7 @@ fn what_can_never_be_sent_is_refused_at_once() {
     assert_eq!(sent, Err(Error::Misuse(Misuse::NotOpen)));
 }
 
-fn cancel(pair: &mut Calls, call: u64) -> Result<(), Error> {
+pub(crate) fn cancel(pair: &mut Calls, call: u64) -> Result<(), Error> {
     let bytes = Frame::Cancel { call }.to_vec();
     let result = (pair.server.link).handle(NOW, Input::Datagram(Datagram::new(&bytes)));
     pair.server.drain(&pair.world);

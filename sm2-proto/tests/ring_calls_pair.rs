@@ -13,14 +13,15 @@ use sm2_proto::{
     link::{End, Input},
 };
 
+/// `within` is the segment of a message in a slot; `None` for a message in a cell.
 #[derive(Clone, Copy, Debug)]
 enum Op {
     Call {
-        within: u32,
+        within: Option<u32>,
     },
     Reply {
         pick: usize,
-        within: u32,
+        within: Option<u32>,
     },
     Read {
         end: usize,
@@ -42,7 +43,7 @@ enum Op {
     CallWhile {
         at: u32,
         steps: u8,
-        within: u32,
+        within: Option<u32>,
     },
     /// While an end harvests, the other end takes and releases.
     HarvestWhile {
@@ -54,13 +55,13 @@ enum Op {
     TakeWhile {
         at: u32,
         steps: u8,
-        within: u32,
+        within: Option<u32>,
     },
     /// While the server replies, the caller takes, releases and cancels.
     ReplyWhile {
         at: u32,
         steps: u8,
-        within: u32,
+        within: Option<u32>,
     },
     Retire {
         end: usize,
@@ -80,7 +81,8 @@ enum Op {
 }
 
 fn op() -> impl Strategy<Value = Op> {
-    let (end, within, at, steps) = (0_usize..2, 0_u32..3, 0_u32..10, 1_u8..5);
+    let (end, segment, at, steps) = (0_usize..2, 0_u32..3, 0_u32..14, 1_u8..5);
+    let within = prop_oneof![Just(None), segment.clone().prop_map(Some)];
     let pick = 0_usize..4;
     prop_oneof![
         60 => within.clone().prop_map(|within| Op::Call { within }),
@@ -96,9 +98,9 @@ fn op() -> impl Strategy<Value = Op> {
             .prop_map(|(at, steps, within)| Op::TakeWhile { at, steps, within }),
         15 => (end.clone(), at.clone(), steps.clone())
             .prop_map(|(end, at, steps)| Op::HarvestWhile { end, at, steps }),
-        15 => (at, steps, within.clone())
+        15 => (at, steps, within)
             .prop_map(|(at, steps, within)| Op::ReplyWhile { at, steps, within }),
-        8 => (end.clone(), within).prop_map(|(end, segment)| Op::Retire { end, segment }),
+        8 => (end.clone(), segment).prop_map(|(end, segment)| Op::Retire { end, segment }),
         12 => (end.clone(), any::<bool>()).prop_map(|(end, full)| Op::Full { end, full }),
         20 => end.clone().prop_map(|end| Op::Park { end }),
         1 => (end, any::<bool>()).prop_map(|(end, eof)| Op::Close { end, eof }),
@@ -153,7 +155,7 @@ impl Run {
     }
 
     /// The caller makes a call, and the server works in the middle of it.
-    fn call_while(&mut self, at: u32, steps: u8, within: u32) {
+    fn call_while(&mut self, at: u32, steps: u8, within: Option<u32>) {
         let Calls {
             world,
             caller,
@@ -173,7 +175,7 @@ impl Run {
     }
 
     /// The server takes a request, and the caller works in the middle of it.
-    fn take_while(&mut self, at: u32, steps: u8, within: u32) {
+    fn take_while(&mut self, at: u32, steps: u8, within: Option<u32>) {
         let Calls {
             world,
             caller,
@@ -212,7 +214,7 @@ impl Run {
     }
 
     /// The server replies, and the caller works in the middle of it.
-    fn reply_while(&mut self, at: u32, steps: u8, within: u32) {
+    fn reply_while(&mut self, at: u32, steps: u8, within: Option<u32>) {
         let Calls {
             world,
             caller,
@@ -250,11 +252,15 @@ impl Run {
                 "honest"
             );
             assert_eq!(side.ended, side.link.end().is_some());
-            assert_eq!(side.link.in_flight(), side.in_flight());
             for delivery in &side.held {
-                side.check_head(world, delivery);
+                side.check_content(world, delivery);
             }
         }
+        let is_served = |id| server.taken.contains(&id);
+        let depth = |ring: usize| usize::from(world.rings[ring].layout.depth());
+        caller.check_in_flight(depth(SERVER), is_served);
+        let is_replied = |id| matches!(caller.calls[&id], Some(Outcome::Reply(_)));
+        server.check_in_flight(depth(CALLER), is_replied);
         let open = caller.calls.values().filter(|it| it.is_none()).count();
         assert_eq!(caller.link.calls(), open);
         assert!(server.taken.iter().all(|id| caller.calls.contains_key(id)));
@@ -279,7 +285,7 @@ impl Run {
                 self.pair.harvest(end);
                 let (side, world) = self.pair.side(end);
                 for within in 0..3 {
-                    side.reply(&world.rings[CALLER], world, 0, within);
+                    side.reply(&world.rings[CALLER], world, 0, Some(within));
                 }
                 side.release(&world.rings[end], world, 0);
                 self.check();
@@ -314,7 +320,8 @@ impl Run {
             assert!(is_fine, "call {call}: {outcome:?}");
         }
         if self.sound {
-            assert_eq!(caller.in_flight() + self.pair.server.in_flight(), 0);
+            let in_flight = caller.link.in_flight() + self.pair.server.link.in_flight();
+            assert_eq!(in_flight, 0);
             assert!(self.pair.caller.calls.keys().eq(&self.pair.server.taken));
         }
     }
@@ -325,7 +332,7 @@ proptest! {
 
     /// Checks CALL-RING and CALL-CANCEL.
     //= SM2-RNG-002, SM2-RNG-008, SM2-RNG-012, SM2-RNG-009, SM2-RNG-010, SM2-RNG-011 test
-    //= SM2-SRV-002, SM2-SRV-004, SM2-OPN-010 test
+    //= SM2-RNG-013, SM2-SRV-002, SM2-SRV-004, SM2-OPN-010 test
     #[test]
     fn ring_calls_pair(
         depth in [1_u16..4, 1..4],

@@ -133,7 +133,7 @@ fn requests_that_a_server_refuses() {
 }
 
 /// A ring where a foreign word appears as soon as the caller puts a word.
-struct Between<'a>(&'a Memory);
+pub(crate) struct Between<'a>(pub(crate) &'a Memory);
 
 impl RingMemory for Between<'_> {
     fn load(&self, at: At) -> u64 {
@@ -147,6 +147,14 @@ impl RingMemory for Between<'_> {
 
     fn take(&self, at: At, bits: u64) -> bool {
         self.0.take(at, bits)
+    }
+
+    fn write_cell(&self, index: u32, words: &[u64]) {
+        self.0.write_cell(index, words);
+    }
+
+    fn read_cell(&self, index: u32, words: &mut [u64]) {
+        self.0.read_cell(index, words);
     }
 
     fn fence(&self) {}

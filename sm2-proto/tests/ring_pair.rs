@@ -9,7 +9,8 @@ use crate::support::cases;
 use proptest::prelude::*;
 
 fn op() -> impl Strategy<Value = Op> {
-    let (end, within, at) = (0_usize..2, 0_u32..3, 0_u32..12);
+    let (end, segment, at) = (0_usize..2, 0_u32..3, 0_u32..15);
+    let within = prop_oneof![Just(None), segment.clone().prop_map(Some)];
     let few = 1_u8..7;
     prop_oneof![
         60 => within.clone().prop_map(|within| Op::Send { within }),
@@ -17,17 +18,17 @@ fn op() -> impl Strategy<Value = Op> {
             .prop_map(|(at, takes, within)| Op::SendWhile { at, takes, within }),
         20 => (at.clone(), few.clone(), within.clone())
             .prop_map(|(at, sends, within)| Op::TakeWhile { at, sends, within }),
-        10 => (0_u32..4, few, 0_usize..4)
-            .prop_map(|(at, sends, pick)| Op::ReleaseWhile { at, sends, pick }),
+        10 => (0_u32..4, few, 0_usize..4, within.clone())
+            .prop_map(|(at, sends, pick, within)| Op::ReleaseWhile { at, sends, pick, within }),
         60 => end.clone().prop_map(|end| Op::Carry { end }),
         50 => Just(Op::Take),
         40 => (0_usize..4).prop_map(|pick| Op::Release { pick }),
         15 => Just(Op::Harvest),
-        10 => within.prop_map(|segment| Op::Retire { segment }),
+        10 => segment.prop_map(|segment| Op::Retire { segment }),
         8 => (end.clone(), any::<bool>()).prop_map(|(end, full)| Op::Full { end, full }),
         20 => end.clone().prop_map(|end| Op::Park { end }),
         1 => end.clone().prop_map(|end| Op::Close { end }),
-        1 => (end, at).prop_map(|(end, at)| Op::Kill { end, at }),
+        1 => (end, at, within).prop_map(|(end, at, within)| Op::Kill { end, at, within }),
     ]
 }
 
@@ -35,7 +36,7 @@ proptest! {
     #![proptest_config(ProptestConfig { cases: cases(400).cases, ..ProptestConfig::default() })]
 
     //= SM2-RNG-002, SM2-RNG-005, SM2-RNG-006, SM2-RNG-007, SM2-RNG-008 test
-    //= SM2-RNG-012, SM2-RNG-009, SM2-RNG-010, SM2-OPN-010, SM2-PAY-005 test
+    //= SM2-RNG-012, SM2-RNG-009, SM2-RNG-010, SM2-RNG-013, SM2-OPN-010, SM2-PAY-005 test
     #[test]
     fn ring_pair(
         reliable: bool,

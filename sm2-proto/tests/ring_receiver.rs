@@ -244,6 +244,16 @@ impl RingMemory for Meanwhile<'_> {
         self.memory.take(at, bits)
     }
 
+    fn write_cell(&self, index: u32, words: &[u64]) {
+        self.count();
+        self.memory.write_cell(index, words);
+    }
+
+    fn read_cell(&self, index: u32, words: &mut [u64]) {
+        self.count();
+        self.memory.read_cell(index, words);
+    }
+
     fn fence(&self) {
         self.memory.fence();
     }

@@ -76,15 +76,14 @@ fn ring_waits_for_our_open_and_goes_before_detached() {
 fn the_layout_is_that_of_the_table() {
     // Columns: depth, window, offset of the back words, size.
     let rows = [
-        (1, 2, 192, 4096),
-        (2, 3, 192, 4096),
-        (8, 9, 192, 4096),
-        (9, 10, 256, 4096),
-        (176, 320, 1536, 4096),
-        (176, 321, 1536, 8192),
-        (168, 328, 1472, 4096),
-        (168, 329, 1472, 8192),
-        (1024, 2048, 8320, 28_672),
+        (1, 2, 256, 4096),
+        (2, 3, 384, 4096),
+        (8, 9, 1152, 4096),
+        (28, 48, 3712, 4096),
+        (28, 49, 3712, 8192),
+        (29, 32, 3840, 4096),
+        (29, 33, 3840, 8192),
+        (1024, 2048, 131_200, 151_552),
     ];
     for (depth, window, back, size) in rows {
         let layout = RingLayout::new(depth, window).unwrap();
@@ -93,7 +92,7 @@ fn the_layout_is_that_of_the_table() {
         assert_eq!(layout.offset(At::SenderParked), Some(64));
         assert_eq!(layout.offset(At::Forward(0)), Some(128));
         let last = u32::from(depth) - 1;
-        let end = 128 + 8 * u64::from(last);
+        let end = 128 + 128 * u64::from(last);
         assert_eq!(layout.offset(At::Forward(last)), Some(end));
         assert_eq!(layout.offset(At::Forward(last + 1)), None);
         assert_eq!(layout.offset(At::Back(0)), Some(back), "{depth}");

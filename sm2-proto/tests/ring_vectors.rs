@@ -10,9 +10,12 @@ use std::collections::{BTreeMap, BTreeSet};
 use crate::ring_support::{RECEIVER, Rig, SENDER, ring_config, segment};
 use serde_json::{Value, json};
 use sm2_proto::{
-    Period, Violation,
+    Instant, Period, Violation,
     limits::SLOT_HEAD,
-    link::{Config, End, Error, Fate, Input, LentRing, Misuse, NoDelivery, Payload, Role, Wake},
+    link::{
+        CellMessage, Config, End, Error, Fate, Input, LentRing, Misuse, NoDelivery, Payload, Role,
+        Status, Wake,
+    },
 };
 
 /// The outcome of an action.
@@ -63,7 +66,7 @@ fn every_ring_vector() {
 fn every_rule_of_words_has_a_ring_vector() {
     let vectors = vectors();
     let clauses: BTreeSet<_> = vectors.iter().map(|it| &it["clause"]).map(text).collect();
-    let expected = ["003", "004", "005", "006", "007", "008", "012"];
+    let expected = ["003", "004", "005", "006", "007", "008", "012", "013"];
     assert_eq!(clauses, expected.map(|it| format!("SM2-RNG-{it}")).into());
     let violations = vectors.iter().filter_map(|it| it.get("violation"));
     let violations: BTreeSet<_> = violations.map(text).collect();
@@ -89,8 +92,16 @@ fn act(rig: &mut Rig, end: usize, action: &Value) -> Outcome {
             Outcome::Result(Value::Null)
         }
         "send" => {
-            let slot = u32::try_from(of["slot"].as_u64().unwrap()).unwrap();
-            let sent = rig.send(of["id"].as_u64().unwrap(), slot);
+            let id = of["id"].as_u64().unwrap();
+            let sent = match of.get("cell") {
+                Some(payload) => rig.send_bytes(&CellMessage {
+                    id,
+                    time: Instant(of["time"].as_u64().unwrap()),
+                    status: Status::Ok,
+                    bytes: &payload_of(payload),
+                }),
+                None => rig.send(id, u32::try_from(of["slot"].as_u64().unwrap()).unwrap()),
+            };
             sent_or_settled(rig, sent)
         }
         "harvest" => {
@@ -142,13 +153,18 @@ fn take(rig: &mut Rig, of: &Value) -> Outcome {
     match taken {
         Ok(None) => Outcome::Result(Value::Null),
         Ok(Some(it)) => {
-            let Payload::Pooled { offset, .. } = it.payload else {
-                panic!("{it:?}");
-            };
-            Outcome::Result(json!({
-                "sequence": it.sequence, "id": it.id, "slot": offset / segment(0).stride,
+            let mut result = json!({
+                "sequence": it.sequence, "id": it.id,
                 "len": it.len, "time": it.time.0, "lost": it.lost,
-            }))
+            });
+            match it.payload {
+                Payload::Pooled { offset, .. } => {
+                    result["slot"] = json!(offset / segment(0).stride);
+                }
+                Payload::Cell(bytes) => result["cell"] = json!(hex(&bytes)),
+                other => panic!("{other:?}"),
+            }
+            Outcome::Result(result)
         }
         Err(NoDelivery::TooManyBorrowed(_)) => {
             Outcome::Result(json!({ "refused": "too-many-borrowed" }))
@@ -164,7 +180,16 @@ fn take(rig: &mut Rig, of: &Value) -> Outcome {
 
 fn refused(error: &Error) -> Outcome {
     match error {
-        Error::Misuse(Misuse::NoRoom) => Outcome::Result(json!({ "refused": "no-room" })),
+        Error::Misuse(misuse) => {
+            let why = match misuse {
+                Misuse::NoRoom => "no-room",
+                Misuse::TooLong => "too-long",
+                Misuse::NotPooled => "no-cell",
+                Misuse::NotBorrowed => "not-borrowed",
+                other => panic!("{other}"),
+            };
+            Outcome::Result(json!({ "refused": why }))
+        }
         Error::Ended(End::Violation(violation)) => Outcome::Violation(*violation),
         other => panic!("{other}"),
     }
@@ -182,9 +207,19 @@ fn image(value: &Value) -> BTreeMap<u64, u64> {
 }
 
 fn bytes<const N: usize>(hex: &Value) -> [u8; N] {
-    let hex = hex.as_str().unwrap();
-    assert_eq!(hex.len(), 2 * N, "{hex}");
-    std::array::from_fn(|at| u8::from_str_radix(&hex[2 * at..2 * at + 2], 16).unwrap())
+    payload_of(hex).try_into().unwrap()
+}
+
+fn payload_of(hex: &Value) -> Vec<u8> {
+    let (pairs, []) = hex.as_str().unwrap().as_bytes().as_chunks::<2>() else {
+        panic!("{hex}");
+    };
+    let byte = |pair: &[u8; 2]| u8::from_str_radix(str::from_utf8(pair).unwrap(), 16).unwrap();
+    pairs.iter().map(byte).collect()
+}
+
+fn hex(bytes: &[u8]) -> String {
+    bytes.iter().map(|it| format!("{it:02x}")).collect()
 }
 
 fn text(value: &Value) -> String {

@@ -251,6 +251,12 @@ fn a_reliable_sender_gets_nothing() {
         fn take(&self, _: At, _: u64) -> bool {
             false
         }
+        fn write_cell(&self, index: u32, words: &[u64]) {
+            self.0.write_cell(index, words);
+        }
+        fn read_cell(&self, index: u32, words: &mut [u64]) {
+            self.0.read_cell(index, words);
+        }
         fn fence(&self) {}
     }
     let mut rig = busy(true);

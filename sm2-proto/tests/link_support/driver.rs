@@ -108,7 +108,7 @@ impl Driver {
             Output::Detach { segment } => {
                 let uses = |it: &Delivery| match it.payload {
                     Payload::Pooled { segment: used, .. } => used == segment,
-                    Payload::Inline(_) | Payload::Sealed => false,
+                    Payload::Inline(_) | Payload::Cell(_) | Payload::Sealed => false,
                 };
                 assert!(!self.held.iter().any(uses));
                 assert!(self.mapped.remove(&segment).is_some());

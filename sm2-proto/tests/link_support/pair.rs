@@ -275,6 +275,7 @@ impl Pair {
                     "a slot was written while in use"
                 );
             }
+            Payload::Cell(_) => panic!("a cell on the socket lane"),
             Payload::Sealed => assert!(at.kept_files.contains(&delivery.sequence)),
         }
     }

@@ -67,5 +67,25 @@ impl RingMemory for Between<'_> {
         self.step() && self.memory.take(at, bits)
     }
 
+    // Another operation can come before the first word, and in the middle.
+    fn write_cell(&self, index: u32, words: &[u64]) {
+        let middle = words.len() / 2;
+        for (first, part) in [(0, &words[..middle]), (middle, &words[middle..])] {
+            if self.step() {
+                self.memory.write_cell_from(index, first, part);
+            }
+        }
+    }
+
+    fn read_cell(&self, index: u32, words: &mut [u64]) {
+        let (start, rest) = words.split_at_mut(words.len() / 2);
+        let middle = start.len();
+        for (first, part) in [(0, start), (middle, rest)] {
+            if self.step() {
+                self.memory.read_cell_from(index, first, part);
+            }
+        }
+    }
+
     fn fence(&self) {}
 }

@@ -14,9 +14,9 @@ use sm2_proto::{
     Datagram, Instant, Machine,
     limits::SLOT_HEAD,
     link::{
-        Body, Config, Delivery, EMPTY, Error, Fate, Input, LaneKind, LentRing, Link, NoDelivery,
-        OutboundMessage, Output, Packet, Payload, RingMemory, SlotHead, SlotRange, Status, Wake,
-        doorbell,
+        Body, CellMessage, Config, Delivery, EMPTY, Error, Fate, Input, LaneKind, LentRing, Link,
+        Misuse, NoDelivery, OutboundMessage, Output, Packet, Payload, RingMemory, SlotHead,
+        SlotRange, Status, Wake, doorbell,
     },
 };
 
@@ -27,6 +27,7 @@ pub(crate) use self::both::Calls;
 pub(crate) use crate::ring_support::world::segment;
 use crate::{
     link_support::NOW,
+    ring_support::content,
     ring_support::world::{SLOTS, World},
 };
 
@@ -36,8 +37,18 @@ pub(crate) const SERVER: usize = 1;
 /// A message in its sender's list.
 struct Sent {
     key: u64,
-    place: (u32, u32),
+    id: u64,
+    /// The segment and the slot; `None` if it is in a cell.
+    place: Option<(u32, u32)>,
+    /// Of a message in a slot: that of a message in a cell is only counted.
     fate: Option<Fate>,
+}
+
+impl Sent {
+    /// True if the message has this slot, which must not be written.
+    fn keeps(&self, place: (u32, u32)) -> bool {
+        self.place == Some(place) && matches!(self.fate, None | Some(Fate::Closed))
+    }
 }
 
 /// The outcome of a call.
@@ -132,7 +143,8 @@ impl Side {
         assert!(matches!(fate, Fate::Delivered | Fate::Closed), "{fate:?}");
         if fate == Fate::Delivered {
             // An end that wrongly still reads this slot sees garbage.
-            let place = (self.end, sent.place.0, sent.place.1);
+            let (segment, slot) = sent.place.expect("only messages in slots are settled");
+            let place = (self.end, segment, slot);
             world.heads.borrow_mut().insert(place, [0xaa; SLOT_HEAD]);
         }
     }
@@ -148,17 +160,21 @@ impl Side {
 
     /// Returns a free slot, if possible the one that was used last.
     fn free_place(&self, within: u32) -> Option<(u32, u32)> {
-        let is_kept = |it: &Sent| matches!(it.fate, None | Some(Fate::Closed));
-        let is_free =
-            |slot: &u32| !(self.sent.iter()).any(|it| it.place == (within, *slot) && is_kept(it));
-        let last = |slot: &u32| self.sent.iter().rposition(|it| it.place == (within, *slot));
-        let slot = (0..SLOTS).filter(is_free).max_by_key(last)?;
-        Some((within, slot))
+        let places = (0..SLOTS).map(|slot| (within, slot));
+        let is_free = |place: &(u32, u32)| !self.sent.iter().any(|it| it.keeps(*place));
+        let last = |place: &(u32, u32)| self.sent.iter().rposition(|it| it.place == Some(*place));
+        places.filter(is_free).max_by_key(last)
     }
 
-    /// Makes the next call.
-    pub(crate) fn call(&mut self, words: &impl RingMemory, world: &World, within: u32) {
-        if self.ended || !self.link.is_open() || self.free_place(within).is_none() {
+    /// True if there is a slot in this segment. A message in a cell needs one in segment 0, where
+    /// it is put if the ring is full.
+    fn has_place(&self, within: Option<u32>) -> bool {
+        self.free_place(within.unwrap_or(0)).is_some()
+    }
+
+    /// Makes the next call: in a slot of this segment, or in a cell.
+    pub(crate) fn call(&mut self, words: &impl RingMemory, world: &World, within: Option<u32>) {
+        if self.ended || !self.link.is_open() || !self.has_place(within) {
             return;
         }
         // Call numbers grow, but not always by one.
@@ -174,9 +190,9 @@ impl Side {
         words: &impl RingMemory,
         world: &World,
         pick: usize,
-        within: u32,
+        within: Option<u32>,
     ) {
-        if self.owed.is_empty() || self.ended || self.free_place(within).is_none() {
+        if self.owed.is_empty() || self.ended || !self.has_place(within) {
             return;
         }
         let id = self.owed.remove(pick % self.owed.len());
@@ -195,9 +211,12 @@ impl Side {
         world: &World,
         id: u64,
         status: Status,
-        within: u32,
+        within: Option<u32>,
     ) {
-        let place = self.free_place(within).expect("was looked for");
+        if within.is_none() && self.send_in_cell(words, world, id, status) {
+            return;
+        }
+        let place = (self.free_place(within.unwrap_or(0))).expect("was looked for");
         let head = SlotHead {
             id,
             time: Instant(0),
@@ -219,7 +238,8 @@ impl Side {
         };
         self.sent.push(Sent {
             key: message.key,
-            place,
+            id,
+            place: Some(place),
             fate: None,
         });
         let mut settled = Vec::new();
@@ -228,6 +248,39 @@ impl Side {
         });
         self.sent_or_harvested(world, sent, &settled);
         self.send_due(words, world);
+    }
+
+    /// Sends a message in a cell. Returns false if it has to wait in a slot.
+    //= SM2-RNG-013 test
+    fn send_in_cell(
+        &mut self,
+        words: &impl RingMemory,
+        world: &World,
+        id: u64,
+        status: Status,
+    ) -> bool {
+        let bytes = content(id);
+        let message = CellMessage {
+            id,
+            time: Instant(id),
+            status,
+            bytes: if status.has_payload() { &bytes } else { &[] },
+        };
+        let is_idle = !self.link.has_queued() && self.link.in_flight() == 0 && !self.full;
+        let mut settled = Vec::new();
+        let sent = (self.link).send_in_cell(words, &message, |key, fate| settled.push((key, fate)));
+        if sent == Err(Error::Misuse(Misuse::NoRoom)) {
+            assert!(!is_idle && settled.is_empty());
+            return false;
+        }
+        self.sent.push(Sent {
+            key: 0,
+            id,
+            place: None,
+            fate: None,
+        });
+        self.sent_or_harvested(world, sent, &settled);
+        true
     }
 
     fn send_due(&mut self, words: &impl RingMemory, world: &World) {
@@ -302,7 +355,7 @@ impl Side {
 
     fn took(&mut self, world: &World, delivery: Delivery) {
         let id = delivery.id;
-        self.check_head(world, &delivery);
+        self.check_content(world, &delivery);
         assert_eq!(delivery.lost, 0);
         if self.end == SERVER {
             assert!(self.taken.last().is_none_or(|last| *last < id));
@@ -315,16 +368,26 @@ impl Side {
             assert_eq!(delivery.status, status);
             self.finish(id, Outcome::Reply(status));
         }
-        self.held.push(delivery);
+        if !matches!(delivery.payload, Payload::Cell(_)) {
+            self.held.push(delivery);
+        }
     }
 
-    /// Checks that the slot of a held message was not overwritten.
-    pub(crate) fn check_head(&self, world: &World, delivery: &Delivery) {
-        let Payload::Pooled { segment, offset } = delivery.payload else {
-            panic!("it is pooled");
-        };
-        let head = world.copy(1 - self.end, segment, offset).unwrap();
-        assert_eq!(head[..8], delivery.id.to_le_bytes(), "{delivery:?}");
+    /// Checks that the slot of a held message was not overwritten, or that a message in a cell is
+    /// the one that was sent.
+    pub(crate) fn check_content(&self, world: &World, delivery: &Delivery) {
+        let id = delivery.id;
+        match &delivery.payload {
+            Payload::Pooled { segment, offset } => {
+                let head = world.copy(1 - self.end, *segment, *offset).unwrap();
+                assert_eq!(head[..8], id.to_le_bytes(), "{delivery:?}");
+            }
+            Payload::Cell(bytes) if delivery.status.has_payload() => {
+                assert_eq!((&**bytes, delivery.time), (&*content(id), Instant(id)));
+            }
+            Payload::Cell(bytes) => assert!(bytes.is_empty() && delivery.len == 0),
+            other => panic!("not on the ring lane: {other:?}"),
+        }
     }
 
     pub(crate) fn release(&mut self, words: &impl RingMemory, world: &World, pick: usize) {
@@ -352,7 +415,10 @@ impl Side {
     }
 
     pub(crate) fn retire(&mut self, world: &World, segment: u32) {
-        let is_used = |it: &Sent| it.place.0 == segment && it.fate.is_none();
+        let is_used = |it: &Sent| {
+            let is_there = it.place.is_some_and(|place| place.0 == segment);
+            is_there && it.fate.is_none()
+        };
         if !self.sent.iter().any(is_used) {
             let _ = self.link.handle(NOW, Input::Retire { segment });
             self.drain(world);
@@ -409,7 +475,23 @@ impl Side {
         put || self.link.may_take(incoming)
     }
 
-    pub(crate) fn in_flight(&self) -> usize {
-        self.sent.iter().filter(|it| it.fate.is_none()).count()
+    /// How many messages in slots are not settled.
+    fn slots_in_flight(&self) -> usize {
+        let in_flight = |it: &&Sent| it.place.is_some() && it.fate.is_none();
+        self.sent.iter().filter(in_flight).count()
+    }
+
+    /// Checks how many messages are not settled. `taken` tells whether the other end has taken a
+    /// message. If it was in a cell, it is still counted until this end sees that.
+    //= SM2-RNG-013 test
+    pub(crate) fn check_in_flight(&self, depth: usize, taken: impl Fn(u64) -> bool) {
+        let in_flight = self.link.in_flight();
+        if self.ended {
+            assert_eq!(in_flight, 0);
+            return;
+        }
+        let in_cells = self.sent.iter().filter(|it| it.place.is_none());
+        let least = self.slots_in_flight() + in_cells.filter(|it| !taken(it.id)).count();
+        assert!((least..=least + depth).contains(&in_flight));
     }
 }

@@ -1,19 +1,20 @@
 //! Invariants of a pair of ends of the ring lane, during a run and at its end.
 
-use sm2_proto::link::{Counters, EMPTY, End, Fate, LaneKind, Word};
+use sm2_proto::link::{CellWord, Counters, EMPTY, End, Fate, LaneKind, Word};
 
-use crate::ring_support::pair::Pair;
+use crate::ring_support::{ends::Sent, pair::Pair};
 
 impl Pair {
     /// Checks the invariants that hold between any two operations.
-    pub(crate) fn check(&self) {
+    pub(crate) fn check(&mut self) {
         for at in [&self.sending.at, &self.receiving.at] {
             assert!(!matches!(at.link.end(), Some(End::Violation(_))), "honest");
             assert_eq!(at.ended, at.link.end().is_some());
         }
         for delivery in &self.receiving.held {
-            self.shared.check_head(delivery);
+            self.shared.check_content(delivery);
         }
+        self.settle_cells();
         self.check_counters();
         self.check_taken();
         if self.sound {
@@ -22,23 +23,63 @@ impl Pair {
         }
     }
 
-    //= SM2-QOS-006 test
+    /// Notes the fates of messages in cells. A message is displaced if it was not taken when its
+    /// index got another one. One that was taken then was delivered.
+    //= SM2-RNG-013 test
+    fn settle_cells(&mut self) {
+        if !self.sound {
+            return;
+        }
+        let newest = self.sending.sent.len() as u64;
+        let taken = &self.receiving.taken;
+        for sent in &mut self.sending.sent {
+            let is_replaced = sent.sequence + self.depth <= newest;
+            if sent.place.is_none() && sent.fate.is_none() && is_replaced {
+                let is_taken = taken.binary_search(&(sent.sequence, sent.id)).is_ok();
+                sent.fate = Some(match is_taken {
+                    true => Fate::Delivered,
+                    false => Fate::Discarded,
+                });
+            }
+        }
+    }
+
+    /// How many messages in slots are not settled.
+    pub(crate) fn slots_in_flight(&self) -> usize {
+        let in_flight = |it: &&Sent| it.place.is_some() && it.fate.is_none();
+        self.sending.sent.iter().filter(in_flight).count()
+    }
+
+    /// How many messages in cells are in the ring.
+    pub(crate) fn cells_in_ring(&self) -> usize {
+        let words = self.shared.words.forward().into_iter();
+        words.filter_map(CellWord::from_bits).count()
+    }
+
+    /// A message in a cell is settled when its index gets another message, or when the sender looks
+    /// for what came back, so until then it can be in flight although it was taken.
+    //= SM2-QOS-006, SM2-RNG-013 test
     fn check_counters(&self) {
         let sending = &self.sending;
         if !self.sound {
             return;
         }
         let tally = |fate| sending.sent.iter().filter(|it| it.fate == fate).count() as u64;
+        let counters = sending.at.link.counters();
+        let in_flight = tally(None);
+        let least = (self.slots_in_flight() + self.cells_in_ring()) as u64;
+        assert!((least..=in_flight).contains(&counters.in_flight));
+        let noticed = in_flight - counters.in_flight;
         let expected = Counters {
             offered: sending.sent.len() as u64 + sending.skipped + sending.overwritten,
-            delivered: tally(Some(Fate::Delivered)),
+            delivered: tally(Some(Fate::Delivered)) + noticed,
             overwritten: sending.overwritten,
             discarded: tally(Some(Fate::Discarded)),
             no_room: sending.skipped,
-            in_flight: tally(None),
+            in_flight: counters.in_flight,
             ..Counters::default()
         };
-        assert_eq!(sending.at.link.counters(), expected);
+        assert_eq!(counters, expected);
     }
 
     /// Every taken message was sent; they are taken in order and once; and no taken message was
@@ -79,8 +120,11 @@ impl Pair {
     /// The sequence numbers in the ring, in ascending order.
     fn in_ring(&self) -> Vec<u64> {
         let words = self.shared.words.forward().into_iter();
-        let words = words.filter_map(|bits| Word::from_bits(bits).unwrap());
-        let mut sequences: Vec<u64> = words.map(|it| u64::from(it.sequence)).collect();
+        let sequence = |bits| match CellWord::from_bits(bits) {
+            Some(cell) => Some(cell.sequence),
+            None => Word::from_bits(bits).unwrap().map(|it| it.sequence),
+        };
+        let mut sequences: Vec<u64> = words.filter_map(sequence).map(u64::from).collect();
         sequences.sort_unstable();
         sequences
     }
@@ -110,7 +154,7 @@ impl Pair {
             self.take();
             self.drain();
             self.receiving.release(&self.shared.words, &self.shared, 0);
-            self.sending.harvest(&self.shared.words, &self.shared);
+            self.harvest();
             self.drain();
             self.check();
         }
@@ -118,8 +162,15 @@ impl Pair {
         if self.sound {
             assert!(self.sending.at.link.is_open() && self.receiving.at.link.is_open());
             let sent = &self.sending.sent;
-            assert!(sent.iter().all(|it| it.fate.is_some()), "all is settled");
-            let delivered = sent.iter().filter(|it| it.fate == Some(Fate::Delivered));
+            let counters = self.sending.at.link.counters();
+            assert_eq!(counters.in_flight, 0, "all is settled");
+            assert_eq!(counters.delivered, taken.len() as u64);
+            // The last messages in cells were taken, and nothing has replaced them.
+            let is_delivered = |it: &&Sent| match it.place {
+                Some(_) => it.fate == Some(Fate::Delivered),
+                None => it.fate != Some(Fate::Discarded),
+            };
+            let delivered = sent.iter().filter(is_delivered);
             let delivered: Vec<u64> = delivered.map(|it| it.sequence).collect();
             let taken: Vec<u64> = taken.iter().map(|it| it.0).collect();
             assert_eq!(taken, delivered, "what was delivered is what was taken");
@@ -130,7 +181,10 @@ impl Pair {
             );
         } else {
             assert!(self.sending.at.ended && self.receiving.at.ended);
-            assert!(self.sending.sent.iter().all(|it| it.fate.is_some()));
+            let is_settled = |it: &Sent| it.place.is_none() || it.fate.is_some();
+            assert!(self.sending.sent.iter().all(is_settled));
+            let counters = self.sending.at.link.counters();
+            assert!(counters.is_balanced() && counters.in_flight == 0);
             // A receiver that has ended may not have read OPEN, or not every ATTACH.
             let has_opened = self.receiving.at.link.lane() == LaneKind::Ring;
             if self.receiving.is_dead

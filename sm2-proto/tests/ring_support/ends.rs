@@ -14,14 +14,14 @@ use sm2_proto::{
     link::{
         Attachment, Body, Delivery, Error, Fate, Input, LaneKind, LentRing, Link, Misuse,
         NoDelivery, OutboundMessage, Output, Packet, Payload, RingMemory, SegmentInfo, SlotRange,
-        Status, Wake, Word, doorbell,
+        Status, Wake, doorbell,
     },
 };
 
 use crate::{
     link_support::{NOW, pooled, ring_file},
     ring_support::between::Between,
-    ring_support::{Memory, head},
+    ring_support::{Memory, cell, cell_message, content, head, word},
 };
 
 /// More slots per segment than messages in a window.
@@ -116,14 +116,17 @@ impl Driver {
 pub(crate) struct Sent {
     pub(crate) id: u64,
     pub(crate) sequence: u64,
-    pub(crate) place: (u32, u32),
+    /// The segment and the slot; `None` if it is in a cell.
+    pub(crate) place: Option<(u32, u32)>,
+    /// The fate of a message in a cell is never passed to the application, so the list has it only
+    /// once it can be told from the ring: see `Pair::settle_cells`.
     pub(crate) fate: Option<Fate>,
 }
 
 impl Sent {
-    /// True if the slot of the message must not be written.
-    const fn is_kept(&self) -> bool {
-        matches!(self.fate, None | Some(Fate::Closed))
+    /// True if the message has this slot, which must not be written.
+    fn keeps(&self, place: (u32, u32)) -> bool {
+        self.place == Some(place) && matches!(self.fate, None | Some(Fate::Closed))
     }
 }
 
@@ -155,7 +158,8 @@ impl Sending {
         if fate != Fate::Closed {
             // An end that wrongly still reads this slot sees garbage.
             let garbage = [0xaa; SLOT_HEAD];
-            shared.heads.borrow_mut().insert(sent.place, garbage);
+            let place = sent.place.expect("only messages in slots are settled");
+            shared.heads.borrow_mut().insert(place, garbage);
         }
     }
 
@@ -165,30 +169,27 @@ impl Sending {
         }
     }
 
-    pub(crate) fn unsettled(&self) -> usize {
-        self.sent.iter().filter(|it| it.fate.is_none()).count()
+    /// A free slot of the segment. Slots of settled messages are reused, the last one first. A slot
+    /// whose message was closed by the end of the link is never reused.
+    fn free_slot(&self, within: u32) -> Option<(u32, u32)> {
+        let places = (0..SLOTS).map(|slot| (within, slot));
+        let is_free = |place: &(u32, u32)| !self.sent.iter().any(|it| it.keeps(*place));
+        let last = |place: &(u32, u32)| self.sent.iter().rposition(|it| it.place == Some(*place));
+        places.filter(is_free).max_by_key(last)
     }
 
-    /// Sends one message, if the link accepts it.
-    pub(crate) fn send(&mut self, words: &impl RingMemory, shared: &Shared, within: u32) {
+    /// Sends one message, if the link accepts it: in a slot of this segment, or else in a cell.
+    pub(crate) fn send(&mut self, words: &impl RingMemory, shared: &Shared, within: Option<u32>) {
         if self.at.ended || !self.at.link.is_open() {
             return;
         }
         self.next_id += 1;
         let id = self.next_id;
-        // Slots of settled messages are reused, the last one first. A slot whose message was closed
-        // by the end of the link is never reused.
-        let is_free =
-            |slot: &u32| (self.sent.iter()).all(|it| it.place != (within, *slot) || !it.is_kept());
-        let last = |slot: &u32| self.sent.iter().rposition(|it| it.place == (within, *slot));
-        let slot = (0..SLOTS)
-            .filter(is_free)
-            .max_by_key(last)
-            .expect("more slots than the window");
+        let place = within.map(|it| self.free_slot(it).expect("more slots than the window"));
         for attached in [false, true] {
-            match self.try_send(words, shared, id, (within, slot)) {
-                Err(Error::Misuse(Misuse::NotAttached)) if !attached => {
-                    let attach = Input::Attach(segment(within));
+            match self.try_send(words, shared, id, place) {
+                Err(Error::Misuse(Misuse::NotAttached)) if !attached && place.is_some() => {
+                    let attach = Input::Attach(segment(within.unwrap()));
                     let _ = self.at.link.handle(NOW, attach);
                     self.drain(shared);
                 }
@@ -202,7 +203,7 @@ impl Sending {
                     let reliable = self.at.link.config().reliable;
                     let expected = match misuse {
                         Misuse::NoRoom => reliable || self.at.full,
-                        Misuse::NotAttached => true,
+                        Misuse::NotAttached => place.is_some(),
                         _ => false,
                     };
                     assert!(expected, "{misuse}");
@@ -228,25 +229,15 @@ impl Sending {
         words: &impl RingMemory,
         shared: &Shared,
         id: u64,
-        place: (u32, u32),
+        place: Option<(u32, u32)>,
     ) -> Result<Wake, Error> {
-        let head = head(id);
-        shared.heads.borrow_mut().insert(place, head.to_bytes());
-        let message = OutboundMessage {
-            key: id,
-            id,
-            time: Instant(0),
-            status: Status::Ok,
-            len: head.len,
-            body: Body::Pooled {
-                segment: segment(place.0),
-                slot: place.1,
-            },
-        };
         let mut settled = Vec::new();
-        let result = (self.at.link).send(words, message.clone(), |key, fate| {
-            settled.push((key, fate))
-        });
+        let each = |key, fate| settled.push((key, fate));
+        let link = &mut self.at.link;
+        let result = match place {
+            Some(place) => link.send(words, shared.in_slot(id, place), each),
+            None => link.send_in_cell(words, &cell_message(id, &content(id)), each),
+        };
         for (key, fate) in settled {
             self.settle(shared, key, fate);
         }
@@ -264,34 +255,30 @@ impl Sending {
 
     /// Sends a message and is killed before `send` returns. Words written before that stay in the
     /// ring.
-    pub(crate) fn die(&mut self, link: &mut Link, dying: &Between<'_>, shared: &Shared) {
+    pub(crate) fn die(
+        &mut self,
+        link: &mut Link,
+        dying: &Between<'_>,
+        shared: &Shared,
+        within: Option<u32>,
+    ) {
         let sequence = self.sent.len() as u64 + 1;
         let id = self.next_id + 1;
-        let free =
-            |slot: &u32| (self.sent.iter()).all(|it| it.place != (0, *slot) || !it.is_kept());
-        let Some(slot) = (0..SLOTS).find(free) else {
-            return;
+        let place = within.map(|it| self.free_slot(it).expect("more slots than the window"));
+        let word = match place {
+            Some((segment, slot)) => {
+                let message = shared.in_slot(id, (segment, slot));
+                let _ = link.send(dying, message, |_, _| {});
+                word(segment, slot, sequence)
+            }
+            None => {
+                let bytes = content(id);
+                let _ = link.send_in_cell(dying, &cell_message(id, &bytes), |_, _| {});
+                cell(bytes.len(), Status::Ok, sequence)
+            }
         };
-        shared
-            .heads
-            .borrow_mut()
-            .insert((0, slot), head(id).to_bytes());
-        let message = OutboundMessage {
-            key: id,
-            id,
-            time: Instant(0),
-            status: Status::Ok,
-            len: head(id).len,
-            body: Body::Pooled {
-                segment: segment(0),
-                slot,
-            },
-        };
-        let _ = link.send(dying, message.clone(), |_, _| {});
-        let word = Word::new(0, slot, sequence).unwrap().to_bits();
         if shared.words.forward().contains(&word) {
             let fate = Some(Fate::Closed);
-            let place = (0, slot);
             self.sent.push(Sent {
                 id,
                 sequence,
@@ -329,13 +316,16 @@ impl Receiving {
         };
         match self.at.link.take(&LentRing::new(words, copy)) {
             Ok(Some(delivery)) => {
-                assert!(self.held.len() < limit);
                 let before = self.taken.last().copied();
                 let lost = before.map_or(delivery.sequence - 1, |(_, id)| delivery.id - id - 1);
                 assert_eq!(delivery.lost, lost);
                 assert!(before.is_none_or(|(sequence, _)| delivery.sequence > sequence));
                 self.taken.push((delivery.sequence, delivery.id));
-                self.held.push(delivery);
+                shared.check_content(&delivery);
+                if !matches!(delivery.payload, Payload::Cell(_)) {
+                    assert!(self.held.len() < limit);
+                    self.held.push(delivery);
+                }
                 if self.at.link.made_room(words).is_needed() {
                     self.at.ring_the_bell();
                 }
@@ -354,7 +344,7 @@ impl Receiving {
             return;
         }
         let index = pick % self.held.len();
-        shared.check_head(&self.held[index]);
+        shared.check_content(&self.held[index]);
         let delivery = self.held.swap_remove(index);
         match self.at.link.release(words, delivery.sequence) {
             Ok(Wake::Needed) => self.at.ring_the_bell(),
@@ -365,13 +355,39 @@ impl Receiving {
 }
 
 impl Shared {
-    /// Checks that the slot of a held message was not overwritten.
-    pub(crate) fn check_head(&self, delivery: &Delivery) {
-        let Payload::Pooled { segment, offset } = delivery.payload else {
-            panic!("it is pooled");
-        };
-        let place = (segment, (offset / 4096) as u32);
-        let now = self.heads.borrow()[&place];
-        assert_eq!(now, head(delivery.id).to_bytes(), "{delivery:?}");
+    /// The message with this id, whose head is written into this slot.
+    fn in_slot(&self, id: u64, place: (u32, u32)) -> OutboundMessage {
+        let head = head(id);
+        self.heads.borrow_mut().insert(place, head.to_bytes());
+        OutboundMessage {
+            key: id,
+            id,
+            time: Instant(0),
+            status: Status::Ok,
+            len: head.len,
+            body: Body::Pooled {
+                segment: segment(place.0),
+                slot: place.1,
+            },
+        }
+    }
+
+    /// Checks that the slot of a held message was not overwritten, or that a message in a cell is
+    /// the one that was sent.
+    pub(crate) fn check_content(&self, delivery: &Delivery) {
+        match &delivery.payload {
+            Payload::Pooled { segment, offset } => {
+                let place = (*segment, (offset / 4096) as u32);
+                let now = self.heads.borrow()[&place];
+                assert_eq!(now, head(delivery.id).to_bytes(), "{delivery:?}");
+            }
+            Payload::Cell(bytes) => {
+                assert_eq!(**bytes, content(delivery.id), "{delivery:?}");
+                assert_eq!(delivery.len, bytes.len() as u64);
+                assert_eq!(delivery.time, head(delivery.id).time);
+                assert_eq!(delivery.status, Status::Ok);
+            }
+            other => panic!("not on the ring lane: {other:?}"),
+        }
     }
 }

@@ -5,6 +5,7 @@ pub(crate) mod between;
 pub(crate) mod calls;
 pub(crate) mod checks;
 pub(crate) mod ends;
+pub(crate) mod noting;
 pub(crate) mod pair;
 pub(crate) mod world;
 
@@ -15,11 +16,11 @@ use std::{
 
 use sm2_proto::{
     Datagram, FdFacts, Instant, Machine,
-    limits::SLOT_HEAD,
+    limits::{CELL_MAX, SLOT_HEAD},
     link::{
-        At, Attachment, Body, Config, Delivery, EMPTY, Error, Fate, FrameKind, Input, LentRing,
-        Link, NoDelivery, OutboundMessage, Output, RingLayout, RingMemory, Role, SegmentInfo,
-        SlotHead, SlotRange, Status, Wake, Word, wire::Frame,
+        At, Attachment, Body, CELL_WORDS, CellMessage, CellWord, Config, Delivery, EMPTY, Error,
+        Fate, FrameKind, Input, LentRing, Link, NoDelivery, OutboundMessage, Output, RingLayout,
+        RingMemory, Role, SegmentInfo, SlotHead, SlotRange, Status, Wake, Word, wire::Frame,
     },
 };
 
@@ -62,6 +63,29 @@ impl Memory {
         let offset = self.layout.offset(at).unwrap();
         self.words.borrow_mut().insert(offset, bits);
         before
+    }
+
+    /// The offset of a word behind a forward word, in bytes; `number` 0 is the first of them.
+    fn cell_offset(&self, index: u32, number: usize) -> u64 {
+        assert!(number < CELL_WORDS, "the cell has no word {number}");
+        let forward = self.layout.offset(At::Forward(index));
+        forward.expect("a cell of the ring") + 8 + 8 * number as u64
+    }
+
+    /// Writes words of a cell, from the word `first` on.
+    pub(crate) fn write_cell_from(&self, index: u32, first: usize, words: &[u64]) {
+        for (number, bits) in (first..).zip(words) {
+            let offset = self.cell_offset(index, number);
+            self.words.borrow_mut().insert(offset, *bits);
+        }
+    }
+
+    /// Reads words of a cell, from the word `first` on.
+    pub(crate) fn read_cell_from(&self, index: u32, first: usize, words: &mut [u64]) {
+        for (number, bits) in (first..).zip(words) {
+            let offset = self.cell_offset(index, number);
+            *bits = self.words.borrow().get(&offset).copied().unwrap_or(0);
+        }
     }
 
     pub(crate) fn take_accesses(&self) -> u32 {
@@ -117,12 +141,41 @@ impl RingMemory for Memory {
         was == bits
     }
 
+    fn write_cell(&self, index: u32, words: &[u64]) {
+        self.write_cell_from(index, 0, words);
+    }
+
+    fn read_cell(&self, index: u32, words: &mut [u64]) {
+        self.read_cell_from(index, 0, words);
+    }
+
     fn fence(&self) {}
 }
 
 /// The bits of the word of a message.
 pub(crate) fn word(segment: u32, slot: u32, sequence: u64) -> u64 {
     Word::new(segment, slot, sequence).unwrap().to_bits()
+}
+
+/// The bits of the word of a message in a cell.
+pub(crate) fn cell(len: usize, status: Status, sequence: u64) -> u64 {
+    CellWord::new(len, status, sequence).unwrap().to_bits()
+}
+
+/// The payload of the message with this id, if it is in a cell. All lengths occur.
+pub(crate) fn content(id: u64) -> Vec<u8> {
+    let len = (13 * id) % (CELL_MAX as u64 + 1);
+    (0..len).map(|at| (7 * id + at + 1) as u8).collect()
+}
+
+/// The message with this id, for a cell. Its time is that of its [`head`].
+pub(crate) fn cell_message(id: u64, bytes: &[u8]) -> CellMessage<'_> {
+    CellMessage {
+        id,
+        time: head(id).time,
+        status: Status::Ok,
+        bytes,
+    }
 }
 
 pub(crate) fn head(id: u64) -> SlotHead {
@@ -287,6 +340,25 @@ impl Rig {
         });
         self.drain(SENDER);
         sent
+    }
+
+    /// Sends a message in a cell, with the [`content`] of its id.
+    pub(crate) fn send_in_cell(&mut self, id: u64) -> Result<Wake, Error> {
+        self.send_bytes(&cell_message(id, &content(id)))
+    }
+
+    pub(crate) fn send_bytes(&mut self, message: &CellMessage<'_>) -> Result<Wake, Error> {
+        let settled = &mut self.settled;
+        let sent = self.ends[SENDER]
+            .send_in_cell(&self.words, message, |key, fate| settled.push((key, fate)));
+        self.drain(SENDER);
+        sent
+    }
+
+    /// Writes a cell of a peer, with the word of the message and the first words behind it.
+    pub(crate) fn put_cell(&self, index: u32, bits: u64, words: &[u64]) {
+        self.words.write_cell_from(index, 0, words);
+        self.words.write(At::Forward(index), bits);
     }
 
     pub(crate) fn harvest(&mut self) -> Result<Wake, Error> {

@@ -14,28 +14,30 @@ use crate::{
     ring_support::{Memory, head, ring_config},
 };
 
+/// `within` is the segment of a message in a slot; `None` for a message in a cell.
 #[derive(Clone, Copy, Debug)]
 pub(crate) enum Op {
     Send {
-        within: u32,
+        within: Option<u32>,
     },
     /// While the sender sends, before one of its accesses, the receiver takes and releases.
     SendWhile {
         at: u32,
         takes: u8,
-        within: u32,
+        within: Option<u32>,
     },
     /// While the receiver takes, before one of its accesses, the sender sends messages.
     TakeWhile {
         at: u32,
         sends: u8,
-        within: u32,
+        within: Option<u32>,
     },
     /// While the receiver releases, the sender harvests and sends.
     ReleaseWhile {
         at: u32,
         sends: u8,
         pick: usize,
+        within: Option<u32>,
     },
     Carry {
         end: usize,
@@ -62,6 +64,7 @@ pub(crate) enum Op {
     Kill {
         end: usize,
         at: u32,
+        within: Option<u32>,
     },
 }
 
@@ -133,10 +136,15 @@ impl Pair {
                 });
                 receiving.take(&between, shared);
             }
-            Op::ReleaseWhile { at, sends, pick } => {
+            Op::ReleaseWhile {
+                at,
+                sends,
+                pick,
+                within,
+            } => {
                 let between = Between::new(words, at, |words| {
                     sending.harvest(words, shared);
-                    (0..sends).for_each(|_| sending.send(words, shared, 0));
+                    (0..sends).for_each(|_| sending.send(words, shared, within));
                     false
                 });
                 receiving.release(&between, shared, pick);
@@ -144,7 +152,7 @@ impl Pair {
             Op::Carry { end } => self.carry(end),
             Op::Take => self.take(),
             Op::Release { pick } => receiving.release(words, shared, pick),
-            Op::Harvest => sending.harvest(words, shared),
+            Op::Harvest => self.harvest(),
             Op::Retire { segment } => self.retire(segment),
             Op::Full { end, full } => self.set_full(end, full),
             Op::Park { end } => self.park(end),
@@ -153,7 +161,7 @@ impl Pair {
                 let close = Input::Close(Farewell::Done.code());
                 let _ = self.end(end).link.handle(NOW, close);
             }
-            Op::Kill { end, at } => self.kill(end, at),
+            Op::Kill { end, at, within } => self.kill(end, at, within),
         }
         self.drain();
     }
@@ -179,10 +187,10 @@ impl Pair {
     }
 
     /// Sends a message with no operation in between, so that the result is known in advance.
-    fn send(&mut self, within: u32) {
+    fn send(&mut self, within: Option<u32>) {
         let (sending, words) = (&mut self.sending, &self.shared.words);
         let before = (sending.sent.len(), sending.overwritten);
-        let full = sending.unsettled() as u32 >= words.layout.window();
+        let full = sending.at.link.in_flight() as u32 >= words.layout.window();
         let is_over = sending.at.ended || !sending.at.link.is_open() || sending.at.full;
         let no_index = words.forward()[(before.0 + 1) % self.depth as usize] != EMPTY;
         sending.send(words, &self.shared, within);
@@ -190,6 +198,17 @@ impl Pair {
         // If its segment is not attached, the message is passed over.
         if !is_over && sending.overwritten == before.1 {
             assert_eq!(sent, !self.reliable || !(full || no_index));
+        }
+    }
+
+    /// Settles the messages that came back. After that, each message in a cell that was taken is
+    /// settled.
+    //= SM2-RNG-008, SM2-RNG-013 test
+    pub(crate) fn harvest(&mut self) {
+        self.sending.harvest(&self.shared.words, &self.shared);
+        if self.sound && self.sending.at.link.is_open() {
+            let expected = self.slots_in_flight() + self.cells_in_ring();
+            assert_eq!(self.sending.at.link.in_flight(), expected);
         }
     }
 
@@ -207,7 +226,10 @@ impl Pair {
     }
 
     fn retire(&mut self, segment: u32) {
-        let is_used = |it: &Sent| it.place.0 == segment && it.fate.is_none();
+        let is_used = |it: &Sent| {
+            let is_there = it.place.is_some_and(|place| place.0 == segment);
+            is_there && it.fate.is_none()
+        };
         let busy = self.sending.sent.iter().any(is_used);
         let link = &mut self.sending.at.link;
         match link.handle(NOW, Input::Retire { segment }) {
@@ -288,7 +310,7 @@ impl Pair {
 
     /// Kills a process while it sends or takes: its accesses from `at` on have no effect, and its
     /// socket closes.
-    fn kill(&mut self, end: usize, at: u32) {
+    fn kill(&mut self, end: usize, at: u32, within: Option<u32>) {
         self.sound = false;
         if self.end_ref(end).ended {
             return;
@@ -297,7 +319,7 @@ impl Pair {
         // A copy of the link does the work, since the state of a killed process is lost.
         let mut link = self.end_ref(end).link.clone();
         if end == 0 {
-            self.sending.die(&mut link, &dying, &self.shared);
+            self.sending.die(&mut link, &dying, &self.shared, within);
         } else {
             let copy = |_| Some(head(1 << 60).to_bytes());
             let _ = link.take(&LentRing::new(&dying, copy));

@@ -72,12 +72,22 @@ impl Calls {
 
     /// Makes a call.
     pub(crate) fn call(&mut self) {
-        self.caller.call(&self.world.rings[SERVER], &self.world, 0);
+        self.call_within(Some(0));
+    }
+
+    /// Makes a call in a slot of this segment, or in a cell.
+    pub(crate) fn call_within(&mut self, within: Option<u32>) {
+        (self.caller).call(&self.world.rings[SERVER], &self.world, within);
     }
 
     /// Lets the server reply to the oldest call.
     pub(crate) fn reply(&mut self) {
-        (self.server).reply(&self.world.rings[CALLER], &self.world, 0, 0);
+        self.reply_within(Some(0));
+    }
+
+    /// Lets the server reply to the oldest call, in a slot of this segment or in a cell.
+    pub(crate) fn reply_within(&mut self, within: Option<u32>) {
+        (self.server).reply(&self.world.rings[CALLER], &self.world, 0, within);
     }
 
     pub(crate) fn take(&mut self, end: usize) {
