@@ -6,13 +6,13 @@ use std::io;
 use std::os::fd::{AsFd, OwnedFd};
 
 use crate::common::{map_pooled, pooled_file, ring_file, sealed_file};
-use nix::fcntl::{FcntlArg, SealFlag, fcntl};
+use nix::fcntl::{FallocateFlags, FcntlArg, SealFlag, fallocate, fcntl};
 use nix::libc;
 use nix::sys::memfd::{MFdFlags, memfd_create};
 use sm2_io::memfd::sealed_from_bytes;
 use sm2_io::{InspectedFd, PooledMapping, Ring, SealedMapping, Segment, VerifyError};
 use sm2_proto::Seals;
-use sm2_proto::link::RingLayout;
+use sm2_proto::link::{CELL_WORDS, RingLayout, RingMemory};
 
 const PAGE: u64 = 4096;
 
@@ -126,4 +126,23 @@ fn a_copy_of_pooled_memory_stays_as_it_is() {
     assert!(vector.unwrap().iter().all(|&byte| byte == 1));
     assert_eq!(array, Some([1; 64]));
     assert_eq!(mapping.copy::<8>(0), Some([2; 8]));
+}
+
+/// The other side of a ring can write a cell at any time; a copy does not change.
+//= SM2-RNG-013 test
+#[test]
+fn a_copy_of_a_cell_stays_as_it_is() {
+    let layout = RingLayout::new(8, 12).unwrap();
+    let (ours, fd) = Ring::create(layout).unwrap();
+    let theirs = Ring::map(&ring_file(&fd), layout).unwrap();
+    theirs.write_cell(7, &[1; CELL_WORDS]);
+    let mut copy = [0; CELL_WORDS];
+    ours.read_cell(7, &mut copy);
+    theirs.write_cell(7, &[2; CELL_WORDS]);
+    assert_eq!(copy, [1; CELL_WORDS]);
+    // A file whose pages are taken away reads as zeroes, and the mapping stays valid.
+    let punch = FallocateFlags::FALLOC_FL_PUNCH_HOLE | FallocateFlags::FALLOC_FL_KEEP_SIZE;
+    fallocate(&fd, punch, 0, layout.size_bytes().cast_signed()).unwrap();
+    ours.read_cell(7, &mut copy);
+    assert_eq!(copy, [0; CELL_WORDS]);
 }

@@ -4,6 +4,7 @@ use std::fs::{File, OpenOptions};
 use std::io::{self, Read};
 use std::os::fd::{AsFd, AsRawFd, OwnedFd};
 use std::os::unix::fs::FileExt;
+use std::panic::{AssertUnwindSafe, catch_unwind};
 use std::process::{Command, Stdio};
 
 use crate::common::ring_file;
@@ -13,10 +14,9 @@ use nix::unistd::ftruncate;
 use sm2_io::memfd::facts;
 use sm2_io::{InspectedFd, Ring, VerifyError};
 use sm2_proto::Seals;
-use sm2_proto::link::{At, EMPTY, RingLayout, RingMemory};
+use sm2_proto::link::{At, CELL_WORDS, EMPTY, RingLayout, RingMemory};
 
-/// The smallest and the largest layout, one whose back words begin at a multiple of 64 bytes, and two whose
-/// do not.
+/// The smallest and the largest layout, and three others.
 const LAYOUTS: [(u16, u32); 5] = [(1, 2), (8, 12), (3, 7), (13, 2048), (1024, 2048)];
 
 fn layout(depth: u16, window: u32) -> RingLayout {
@@ -25,9 +25,9 @@ fn layout(depth: u16, window: u32) -> RingLayout {
 
 /// Returns every word of a ring with its offset by SPEC section 8.5.
 fn words(depth: u16, window: u32) -> Vec<(At, u64)> {
-    let back = (128 + 8 * u64::from(depth)).div_ceil(64) * 64;
+    let back = 128 + 128 * u64::from(depth);
     let parked = [(At::ReceiverParked, 0), (At::SenderParked, 64)];
-    let forward = (0..u32::from(depth)).map(|it| (At::Forward(it), 128 + 8 * u64::from(it)));
+    let forward = (0..u32::from(depth)).map(|it| (At::Forward(it), 128 + 128 * u64::from(it)));
     let back = (0..window).map(|it| (At::Back(it), back + 8 * u64::from(it)));
     parked.into_iter().chain(forward).chain(back).collect()
 }
@@ -91,6 +91,74 @@ fn each_word_is_where_spec_says() {
         let others = all.chunks(8).filter(|it| **it != [0; 8]).count();
         assert_eq!(others * 8, written);
     }
+}
+
+/// The words of a cell are those behind its forward word, up to the next forward word or the first back word.
+//= SM2-RNG-002, SM2-RNG-013 test
+#[test]
+fn each_cell_is_behind_its_forward_word() {
+    assert_eq!(CELL_WORDS, 15);
+    for (depth, window) in LAYOUTS {
+        let (ours, fd) = Ring::create(layout(depth, window)).expect("a ring");
+        let theirs = Ring::map(&ring_file(&fd), layout(depth, window)).expect("a mapping");
+        let file = reopened(&fd);
+        let cell = |index: u32| [0; CELL_WORDS].map(|_| u64::from(index) + 1);
+        for index in 0..u32::from(depth) {
+            ours.write_cell(index, &cell(index));
+        }
+        for (at, offset) in words(depth, window) {
+            assert_eq!(word_at(&file, offset), 0, "{at:?}");
+            if let At::Forward(index) = at {
+                for n in 1..=CELL_WORDS as u64 {
+                    assert_eq!(word_at(&file, offset + 8 * n), u64::from(index) + 1);
+                }
+                let mut copy = [0; CELL_WORDS];
+                theirs.read_cell(index, &mut copy);
+                assert_eq!(copy, cell(index));
+            }
+        }
+    }
+}
+
+/// A message that is shorter than its cell moves its own words only.
+#[test]
+fn a_part_of_a_cell_is_its_first_words() {
+    let (ring, fd) = Ring::create(layout(3, 7)).expect("a ring");
+    ring.write_cell(1, &[1, 2, 3]);
+    ring.write_cell(1, &[4, 5]);
+    ring.write_cell(1, &[]);
+    let mut copy = [9; 4];
+    ring.read_cell(1, &mut copy);
+    assert_eq!(copy, [4, 5, 3, 0]);
+    let mut first = [9; 2];
+    ring.read_cell(1, &mut first[..1]);
+    assert_eq!(first, [4, 9]);
+    // Words are little-endian.
+    assert_eq!(word_at(&reopened(&fd), 128 + 128 + 8), 4);
+}
+
+/// Each wrong access panics before it touches the memory, as that of a word outside the layout does.
+#[test]
+fn no_cell_outside_of_the_layout_is_accessed() {
+    let (ring, fd) = Ring::create(layout(3, 7)).expect("a ring");
+    let refused = |access: &dyn Fn()| {
+        catch_unwind(AssertUnwindSafe(access)).expect_err("outside of the layout");
+    };
+    for index in [3, 4, 0x8000_0000, u32::MAX] {
+        refused(&|| ring.write_cell(index, &[1]));
+        refused(&|| ring.read_cell(index, &mut [0]));
+        refused(&|| ring.write_cell(index, &[]));
+        refused(&|| assert_eq!(ring.swap(At::Forward(index), 1), EMPTY));
+        refused(&|| ring.prefetch(At::Forward(index)));
+    }
+    // One word more would be the next forward word, or a back word.
+    for index in [0, 2] {
+        refused(&|| ring.write_cell(index, &[1; CELL_WORDS + 1]));
+        refused(&|| ring.read_cell(index, &mut [0; CELL_WORDS + 1]));
+    }
+    let mut all = Vec::new();
+    reopened(&fd).read_to_end(&mut all).expect("the file");
+    assert!(all.iter().all(|it| *it == 0));
 }
 
 #[test]

@@ -64,7 +64,7 @@ fn reserved(node: &Node) -> Publisher<[u8]> {
 
 /// Publishes in every way, also short messages.
 fn publish(publisher: &Publisher<[u8]>, message: &[u8]) {
-    for len in [1, 4_000, LEN] {
+    for len in [1, 200, 4_000, LEN] {
         publisher.publish(&message[..len]).unwrap();
         let mut loan = publisher.loan_slice(len).unwrap();
         loan.copy_from_slice(&message[..len]);
@@ -74,7 +74,7 @@ fn publish(publisher: &Publisher<[u8]>, message: &[u8]) {
 }
 
 /// How many messages [`publish`] sends.
-const MESSAGES: usize = 6;
+const MESSAGES: usize = 8;
 
 fn subscribe(domain: &Domain, name: &str) -> Subscriber<[u8]> {
     let node = domain.node(name);

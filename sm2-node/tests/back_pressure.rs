@@ -10,6 +10,8 @@ use crate::common::{Endpoint, meet, next};
 use sm2_node::{Node, Publisher, PublisherBuilder, Sample, Subscriber};
 
 const MOMENT: Duration = Duration::from_millis(1);
+/// A message in a slot, which takes room until it is released.
+const MESSAGE: [u8; 128] = [b'x'; 128];
 
 fn builder(node: &Node) -> PublisherBuilder<[u8]> {
     node.publisher_builder::<[u8]>("topic").reliable(true)
@@ -24,7 +26,7 @@ fn holder(node: &Node) -> Subscriber<[u8]> {
 /// Publishes until a reliable subscriber has no room and the publication would wait.
 fn fill(publisher: &Publisher<[u8]>) -> usize {
     (0..1_000)
-        .take_while(|_| publisher.try_publish(b"x").unwrap().is_some())
+        .take_while(|_| publisher.try_publish(&MESSAGE).unwrap().is_some())
         .count()
 }
 
@@ -57,7 +59,7 @@ fn subscribers_that_release_now_and_then_are_waited_for_once() {
             let begin = Instant::now();
             let messages = 400;
             for number in 1..=messages {
-                publisher.publish(b"x").unwrap();
+                publisher.publish(&MESSAGE).unwrap();
                 let sample = next(&healthy);
                 assert_eq!((sample.sequence(), sample.lost()), (number, 0));
                 for (subscriber, samples) in hostile.iter().zip(&mut samples) {
@@ -99,12 +101,12 @@ fn a_link_that_owes_is_not_waited_for_until_it_has_caught_up() {
         let slow = holder(&listener);
         meet(&publisher, &[&slow]);
         let room = fill(&publisher);
-        assert_eq!(publisher.publish(b"x").unwrap().missed, 1);
+        assert_eq!(publisher.publish(&MESSAGE).unwrap().missed, 1);
         // One comes back, so there is room for one more. Then a publication waited again.
         drop(next(&slow));
-        let published = publisher.try_publish(b"x").unwrap().unwrap();
+        let published = publisher.try_publish(&MESSAGE).unwrap().unwrap();
         assert_eq!((published.links, published.missed), (1, 0));
-        let published = publisher.try_publish(b"x").unwrap().expect("no wait");
+        let published = publisher.try_publish(&MESSAGE).unwrap().expect("no wait");
         assert_eq!((published.links, published.missed), (0, 1));
         assert_eq!(publisher.waited(), MOMENT);
         // All come back.
@@ -132,7 +134,7 @@ fn all_links_share_the_time_that_a_publisher_waits() {
             meet(&publisher, &[&slow]);
             for _ in 0..3 {
                 let room = fill(&publisher);
-                assert_eq!(publisher.publish(b"x").unwrap().missed, 1);
+                assert_eq!(publisher.publish(&MESSAGE).unwrap().missed, 1);
                 for _ in 0..room {
                     drop(next(&slow));
                     publisher.counters();

@@ -5,7 +5,7 @@ use crate::common;
 use std::thread;
 use std::time::Duration;
 
-use common::{Domain, SOON, away, back, meet, next, until};
+use common::{Domain, SOON, away, back, in_slot, meet, next, until};
 use nix::libc::ENOMEM;
 use sm2_io::fault::{Call, Fault, Injector};
 use sm2_node::Node;
@@ -175,7 +175,7 @@ fn counters_say_how_many_samples_an_application_holds() {
     assert_eq!(shown(), (0, 0));
     let mut held = Vec::new();
     for message in 1..=3 {
-        publisher.publish(&[1]).unwrap();
+        publisher.publish(&in_slot(&[1])).unwrap();
         held.push(next(&subscriber));
         assert_eq!(shown(), (message, message));
     }

@@ -34,7 +34,7 @@ fn a_segment_that_is_freed_while_its_attach_waits_does_not_end_the_link() {
         meet(&publisher, &[&subscriber]);
         // Fills the socket with pairs of ATTACH and DETACH, after one datagram or two.
         for _ in 0..first {
-            publisher.publish(&pattern(100, 0)).unwrap();
+            publisher.publish(&pattern(128, 0)).unwrap();
         }
         for seed in 0..datagrams_until_full() as u64 {
             let len = [3_000, 12_000, 48_000][seed as usize % 3];

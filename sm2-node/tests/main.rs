@@ -8,6 +8,7 @@ mod asynchronous;
 mod away;
 mod back_pressure;
 mod background;
+mod cells;
 mod clock;
 mod counters;
 mod deadline;

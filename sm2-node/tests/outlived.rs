@@ -132,7 +132,9 @@ fn a_program_that_is_started_inherits_nothing() {
     let publisher = node.publisher::<str>("topic").unwrap();
     let subscriber = node.subscriber::<str>("topic").unwrap();
     publisher.wait_for_subscribers_timeout(1, SOON).unwrap();
-    publisher.publish("hello").unwrap();
+    // In a slot, so that the node has a segment as well.
+    let hello = "hello ".repeat(20);
+    publisher.publish(&hello).unwrap();
     let sample = next(&subscriber);
     let mut command = Command::new("sleep");
     command.arg("600").stdin(Stdio::null());
@@ -153,5 +155,5 @@ fn a_program_that_is_started_inherits_nothing() {
         of_nodes.iter().any(|kind| text.starts_with(kind))
     });
     assert_eq!(inherited.count(), 0, "{descriptors:?}");
-    assert_eq!(&*sample, "hello");
+    assert_eq!(&*sample, hello);
 }

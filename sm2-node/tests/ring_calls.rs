@@ -50,6 +50,11 @@ fn dawdle(round: u64) {
     (0..spins * (1 + round % 3)).for_each(|_| std::hint::spin_loop());
 }
 
+/// Returns a message that depends on the number: some fit into a cell of the ring, and others need a slot.
+fn message(number: u64) -> Vec<u8> {
+    pattern([8, 128][number as usize % 2], number)
+}
+
 /// Replies with the request's bytes, until it gets an empty request.
 fn echo(server: Server<[u8], [u8]>, mut next: impl FnMut() + Send + 'static) -> JoinHandle<u64> {
     thread::spawn(move || {
@@ -76,7 +81,7 @@ const LONGEST: usize = if cfg!(feature = "slow") {
 //= SM2-RNG-001, SM2-RNG-002 test
 #[test]
 fn the_ring_lane_is_used_if_both_offer_it_and_nothing_has_to_be_sealed() {
-    let sizes = [0, 1, 4_032, 4_033, 4_096, 4_097, 61_441, LONGEST];
+    let sizes = [0, 1, 104, 105, 4_032, 4_033, 4_096, 4_097, 61_441, LONGEST];
     for (ours, theirs) in [(true, true), (true, false), (false, true), (false, false)] {
         for sealed in [false, true] {
             let domain = Domain::new();
@@ -100,7 +105,7 @@ fn the_ring_lane_is_used_if_both_offer_it_and_nothing_has_to_be_sealed() {
             assert!(matches!(error, CallError::Failed { reason, .. } if reason == "not today"));
             for links in [client.links(), server.links()] {
                 let counters = links[0].counters;
-                assert_eq!((counters.offered, links[0].received.messages), (9, 9));
+                assert_eq!((counters.offered, links[0].received.messages), (11, 11));
             }
         }
     }
@@ -121,8 +126,8 @@ fn each_way_of_waiting_gets_its_requests_and_its_replies() {
                 dawdle(round);
             });
             for number in 1..=ROUNDS {
-                let reply = client.call_timeout(&number.to_le_bytes(), SOON).unwrap();
-                assert_eq!(*reply, number.to_le_bytes());
+                let reply = client.call_timeout(&message(number), SOON).unwrap();
+                assert_eq!(*reply, message(number));
                 dawdle(number / 2);
             }
             client.call_timeout(&[], SOON).unwrap();
@@ -155,7 +160,7 @@ fn polled_descriptors_are_readable_for_every_request_and_reply() {
             server
         });
         for number in 0..ROUNDS {
-            let mut call = client.send_timeout(&number.to_le_bytes(), SOON).unwrap();
+            let mut call = client.send_timeout(&message(number), SOON).unwrap();
             dawdle(number / 3);
             let reply: Reply<[u8]> = loop {
                 if let Some(reply) = call.try_wait().unwrap() {
@@ -163,7 +168,7 @@ fn polled_descriptors_are_readable_for_every_request_and_reply() {
                 }
                 assert!(wait_readable(&[client.as_fd()], Some(SOON)).unwrap());
             };
-            assert_eq!(*reply, number.to_le_bytes());
+            assert_eq!(*reply, message(number));
         }
         answering.join().unwrap();
     }
@@ -181,7 +186,7 @@ fn futures_are_woken_for_every_request_and_reply() {
         runtime.block_on(async {
             let client = client.into_async().unwrap();
             for number in 1..=ROUNDS {
-                let bytes = number.to_le_bytes();
+                let bytes = message(number);
                 // Two calls at the same time, on one descriptor.
                 let (one, other) = tokio::join!(
                     client.call_timeout(&bytes, SOON),
@@ -210,12 +215,12 @@ fn calls_that_wait_for_room_are_all_answered() {
             let (server, client) = linked(server, client);
             let server = echo(server, || {});
             let calls: Vec<_> = (1..=200_u64)
-                .map(|number| client.send_timeout(&number.to_le_bytes(), SOON).unwrap())
+                .map(|number| client.send_timeout(&message(number), SOON).unwrap())
                 .collect();
             // The last call first: the replies of the others wait.
             for (index, call) in calls.into_iter().enumerate().rev() {
                 let number = index as u64 + 1;
-                assert_eq!(*call.wait().unwrap(), number.to_le_bytes());
+                assert_eq!(*call.wait().unwrap(), message(number));
             }
             client.call_timeout(&[], SOON).unwrap();
             assert_eq!(server.join().unwrap(), 200);
@@ -270,7 +275,7 @@ fn threads_that_share_a_client() {
                 let client = Arc::clone(&client);
                 thread::spawn(move || {
                     for number in 0..CALLS / 2 {
-                        let bytes = pattern(20, 1_000 * which + number);
+                        let bytes = message(1_000 * which + number);
                         assert!(*client.call_timeout(&bytes, SOON).unwrap() == *bytes);
                         dawdle(number);
                     }
@@ -290,11 +295,12 @@ fn threads_that_share_a_client() {
 //= SM2-SRV-003, SM2-RNG-011 test
 #[test]
 fn a_call_is_cancelled_wherever_it_is() {
-    for lane in LANES {
+    for (lane, len) in LANES.into_iter().flat_map(|it| [(it, 1), (it, 128)]) {
         let domain = Domain::new();
         let server = serving(&domain, lane).depth(1).max_borrowed(1);
         let (server, client) = linked(server, calling(&domain, lane));
-        let call = || client.send_timeout(b"x", SOON).unwrap();
+        let call = || client.send_timeout(&pattern(len, 1), SOON).unwrap();
+        let done = pattern(len, 2);
         let (working, underway, waiting, last) = (call(), call(), call(), call());
         let request = next_request(&server);
         // On the socket lane, the server handles CANCELs in their order: the last one shows that the first arrived. The
@@ -308,10 +314,10 @@ fn a_call_is_cancelled_wherever_it_is() {
         let mut last = Some(last);
         while let Some(mut call) = last.take() {
             if let Some(request) = server.recv_timeout(Duration::from_millis(1)).unwrap() {
-                request.reply(b"done").unwrap();
+                request.reply(&done).unwrap();
             }
             match call.try_wait().unwrap() {
-                Some(reply) => assert_eq!(*reply, *b"done"),
+                Some(reply) => assert_eq!(*reply, *done),
                 None => last = Some(call),
             }
         }
@@ -319,7 +325,7 @@ fn a_call_is_cancelled_wherever_it_is() {
         for (cancelled, may_be_late) in [(underway, lane), (waiting, true)] {
             match cancelled.wait() {
                 Err(CallError::Cancelled { .. }) => {}
-                other => assert_eq!((may_be_late, &*other.unwrap()), (true, &b"done"[..])),
+                other => assert_eq!((may_be_late, &*other.unwrap()), (true, &*done)),
             }
         }
         assert!(client.links()[0].end.is_none() && server.links()[0].end.is_none());

@@ -9,7 +9,7 @@ use std::sync::mpsc::{Receiver, channel};
 use std::thread;
 use std::time::{Duration, Instant};
 
-use crate::common::{Domain, LANES, SOON, WAYS, next};
+use crate::common::{Domain, LANES, SOON, WAYS, next, number_in_slot};
 use sm2_io::wait_readable;
 use sm2_node::asynchronous::IntoAsync;
 use sm2_node::{Published, Publisher, Sample, Subscriber, Wait};
@@ -17,9 +17,18 @@ use sm2_node::{Published, Publisher, Sample, Subscriber, Wait};
 /// Longer than any test takes: a thread that waits so long was not woken.
 const EVER: Duration = Duration::from_secs(3_600);
 
-fn subscriber(domain: &Domain, ring: bool, way: Wait) -> Subscriber<u64> {
+fn subscriber(domain: &Domain, ring: bool, way: Wait) -> Subscriber<[u64]> {
     let builder = domain.node_on(ring, "listener").subscriber_builder("topic");
     builder.wait(way).declare().unwrap()
+}
+
+/// Publishes a number: an odd one in a slot, and an even one in a cell of the ring.
+fn publish(publisher: &Publisher<[u64]>, number: u64) -> Published {
+    let published = match number % 2 {
+        0 => publisher.publish(&[number]),
+        _ => publisher.publish(&number_in_slot(number)),
+    };
+    published.unwrap()
 }
 
 /// Pauses for a duration that differs from round to round, so that the other thread is met before it waits,
@@ -31,8 +40,8 @@ fn dawdle(round: u64) {
 
 /// Publishes numbers from 1 on, each as soon as the previous one was acknowledged.
 fn talker(domain: &Domain, ring: bool, rounds: u64) -> (Arc<AtomicU64>, thread::JoinHandle<()>) {
-    let publisher = domain.node_on(ring, "talker").publisher::<u64>("topic");
-    let publisher: Publisher<u64> = publisher.unwrap();
+    let publisher = domain.node_on(ring, "talker").publisher::<[u64]>("topic");
+    let publisher: Publisher<[u64]> = publisher.unwrap();
     let taken = Arc::new(AtomicU64::new(0));
     let acknowledged = Arc::clone(&taken);
     let thread = thread::spawn(move || {
@@ -44,7 +53,7 @@ fn talker(domain: &Domain, ring: bool, rounds: u64) -> (Arc<AtomicU64>, thread::
                 thread::yield_now();
             }
             dawdle(number);
-            assert_eq!(publisher.publish(&number).unwrap().links, 1);
+            assert_eq!(publish(&publisher, number).links, 1);
         }
         assert!(publisher.flush_timeout(SOON).unwrap());
     });
@@ -52,10 +61,10 @@ fn talker(domain: &Domain, ring: bool, rounds: u64) -> (Arc<AtomicU64>, thread::
 }
 
 /// Takes the numbers that a [`talker`] publishes.
-fn take_all(rounds: u64, taken: &AtomicU64, mut next: impl FnMut(u64) -> Sample<u64>) {
+fn take_all(rounds: u64, taken: &AtomicU64, mut next: impl FnMut(u64) -> Sample<[u64]>) {
     for number in 1..=rounds {
         let sample = next(number);
-        assert_eq!((*sample, sample.lost()), (number, 0));
+        assert_eq!((sample[0], sample.lost()), (number, 0));
         taken.store(number, Ordering::Release);
         dawdle(number / 2);
     }
@@ -87,7 +96,7 @@ fn whoever_waits_for_a_time_waits_no_longer() {
         for way in WAYS {
             let domain = Domain::new();
             let subscriber = subscriber(&domain, ring, way);
-            let publisher = domain.node_on(ring, "talker").publisher::<u64>("topic");
+            let publisher = domain.node_on(ring, "talker").publisher::<[u64]>("topic");
             let publisher = publisher.unwrap();
             // Without a link, and with one.
             for links in [0, 1] {
@@ -100,8 +109,8 @@ fn whoever_waits_for_a_time_waits_no_longer() {
                     assert!(start.elapsed() >= time, "{way:?}");
                 }
             }
-            publisher.publish(&7).unwrap();
-            assert_eq!(*next(&subscriber), 7);
+            publish(&publisher, 7);
+            assert_eq!(next(&subscriber)[0], 7);
         }
     }
 }
@@ -177,10 +186,14 @@ fn patient(
     domain: &Domain,
     ring: bool,
     rounds: u64,
-) -> (Subscriber<u64>, Receiver<Published>, thread::JoinHandle<()>) {
+) -> (
+    Subscriber<[u64]>,
+    Receiver<Published>,
+    thread::JoinHandle<()>,
+) {
     let builder = domain
         .node_on(ring, "talker")
-        .publisher_builder::<u64>("topic");
+        .publisher_builder::<[u64]>("topic");
     let publisher = builder
         .depth(1)
         .reliable(true)
@@ -195,7 +208,7 @@ fn patient(
         publisher.wait_for_subscribers_timeout(1, SOON).unwrap();
         for number in 1..=rounds {
             dawdle(number / 7);
-            sender.send(publisher.publish(&number).unwrap()).unwrap();
+            sender.send(publish(&publisher, number)).unwrap();
         }
         // Messages that wait on this side would be lost when the publisher is dropped.
         assert!(publisher.flush_timeout(SOON).unwrap());
@@ -213,7 +226,7 @@ fn a_publisher_that_waits_for_room_is_woken_by_who_makes_some() {
         let (subscriber, published, thread) = patient(&domain, ring, ROUNDS);
         for number in 1..=ROUNDS {
             let sample = next(&subscriber);
-            assert_eq!((*sample, sample.lost()), (number, 0));
+            assert_eq!((sample[0], sample.lost()), (number, 0));
             dawdle(number);
             drop(sample);
             // After it has released its messages, the subscriber need not read its sockets again.

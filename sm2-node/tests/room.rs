@@ -34,8 +34,10 @@ fn fill(publisher: &Publisher<[u8]>, bytes: &[u8]) -> u64 {
     count
 }
 
-/// Short messages take another way than long ones.
-const LENGTHS: [usize; 2] = [20, 200_000];
+/// Messages in cells of the ring, those in slots, and long ones take different ways.
+const LENGTHS: [usize; 3] = [20, 200, 200_000];
+/// A message in a cell and one in a slot.
+const MESSAGES: [&[u8]; 2] = [b"x", &[b'x'; 200]];
 
 #[test]
 fn all_subscribers_get_a_message_or_none() {
@@ -71,18 +73,20 @@ fn all_subscribers_get_a_message_or_none() {
 #[test]
 fn a_wait_for_room_ends_when_there_is_some() {
     Fixture::each(|it| {
-        let (talker, listener) = (it.node("talker"), it.peer("listener"));
-        let publisher = publisher(&talker);
-        publisher.wait_for_room().unwrap();
-        let slow = narrow(&listener);
-        meet(&publisher, &[&slow]);
-        fill(&publisher, b"x");
-        let moment = Duration::from_millis(1);
-        assert!(!publisher.wait_for_room_timeout(moment).unwrap());
-        while_asleep(|| publisher.wait_for_room().unwrap(), |_| drop(next(&slow)));
-        assert!(publisher.try_publish(b"x").unwrap().is_some());
-        // A subscriber that leaves is not waited for.
-        while_asleep(|| publisher.wait_for_room().unwrap(), |_| drop(slow));
+        for message in MESSAGES {
+            let (talker, listener) = (it.node("talker"), it.peer("listener"));
+            let publisher = publisher(&talker);
+            publisher.wait_for_room().unwrap();
+            let slow = narrow(&listener);
+            meet(&publisher, &[&slow]);
+            fill(&publisher, message);
+            let moment = Duration::from_millis(1);
+            assert!(!publisher.wait_for_room_timeout(moment).unwrap());
+            while_asleep(|| publisher.wait_for_room().unwrap(), |_| drop(next(&slow)));
+            assert!(publisher.try_publish(message).unwrap().is_some());
+            // A subscriber that leaves is not waited for.
+            while_asleep(|| publisher.wait_for_room().unwrap(), |_| drop(slow));
+        }
     });
 }
 
@@ -105,7 +109,11 @@ fn a_wait_for_room_ends_with_a_shutdown() {
 #[test]
 fn a_publication_has_its_own_timeout() {
     Fixture::each(|it| {
-        for as_loan in [false, true] {
+        for (as_loan, message) in [
+            (false, MESSAGES[0]),
+            (false, MESSAGES[1]),
+            (true, MESSAGES[1]),
+        ] {
             let (talker, listener) = (it.node("talker"), it.node("listener"));
             let publisher = publisher(&talker);
             let slow = narrow(&listener);
@@ -115,19 +123,20 @@ fn a_publication_has_its_own_timeout() {
             let mut taken = 0;
             let mut take_all = || {
                 while let Some(sample) = prompt.recv_timeout(Duration::ZERO).unwrap() {
-                    taken += sample.len();
+                    assert_eq!(&*sample, message);
+                    taken += 1;
                 }
                 taken
             };
-            let published = fill(&publisher, b"x") as usize;
+            let published = fill(&publisher, message) as usize;
             assert_eq!(take_all(), published);
             let moment = Duration::from_millis(1);
             let result = if as_loan {
-                let mut loan = publisher.loan_slice(1).unwrap();
-                loan.copy_from_slice(b"x");
+                let mut loan = publisher.loan_slice(message.len()).unwrap();
+                loan.copy_from_slice(message);
                 loan.publish_timeout(moment).unwrap()
             } else {
-                publisher.publish_timeout(b"x", moment).unwrap()
+                publisher.publish_timeout(message, moment).unwrap()
             };
             let missed_by_one = Published {
                 links: 1,
@@ -138,9 +147,9 @@ fn a_publication_has_its_own_timeout() {
             assert_eq!(take_all(), published + 1);
             // These would wait for an hour.
             publisher.wait_for_room().unwrap();
-            assert_eq!(publisher.publish(b"x").unwrap(), missed_by_one);
+            assert_eq!(publisher.publish(message).unwrap(), missed_by_one);
             assert_eq!(take_all(), published + 2);
-            assert_eq!(publisher.try_publish(b"x").unwrap(), Some(missed_by_one));
+            assert_eq!(publisher.try_publish(message).unwrap(), Some(missed_by_one));
             assert_eq!(take_all(), published + 3);
             // Now it is waited for again.
             for _ in 0..published {
@@ -148,7 +157,7 @@ fn a_publication_has_its_own_timeout() {
                 publisher.counters();
             }
             assert!(publisher.wait_for_room_timeout(SOON).unwrap());
-            assert_eq!(fill(&publisher, b"x"), published as u64);
+            assert_eq!(fill(&publisher, message), published as u64);
             assert_eq!(take_all(), 2 * published + 3);
         }
     });
@@ -159,7 +168,7 @@ fn a_publication_has_its_own_timeout() {
 #[test]
 fn a_subscriber_that_holds_the_memory_has_no_room() {
     Fixture::each(|it| {
-        for len in LENGTHS {
+        for len in &LENGTHS[1..] {
             let (talker, listener) = (it.node("talker"), it.peer("listener"));
             let builder = talker.publisher_builder::<[u8]>("topic").reliable(true);
             let limit = 20 * len.next_power_of_two().max(128) as u64;
@@ -169,7 +178,7 @@ fn a_subscriber_that_holds_the_memory_has_no_room() {
             let builder = listener.subscriber_builder::<[u8]>("topic").reliable(true);
             let hoard = builder.depth(500).max_borrowed(500).declare().unwrap();
             meet(&publisher, &[&hoard]);
-            let bytes = pattern(len, 1);
+            let bytes = pattern(*len, 1);
             let published = fill(&publisher, &bytes);
             let samples: Vec<_> = (0..published).map(|_| next(&hoard)).collect();
             assert!(publisher.try_publish(&bytes).unwrap().is_none());
@@ -186,18 +195,20 @@ fn a_subscriber_that_holds_the_memory_has_no_room() {
 #[test]
 fn a_wait_set_reports_room() {
     Fixture::each(|it| {
-        let (talker, listener) = (it.node("talker"), it.peer("listener"));
-        let publisher = publisher(&talker);
-        let slow = narrow(&listener);
-        meet(&publisher, &[&slow]);
-        let mut set = WaitSet::new().unwrap();
-        set.add(&publisher, ()).unwrap();
-        assert!(!is_quiet(&mut set), "there is room");
-        fill(&publisher, b"x");
-        assert!(is_quiet(&mut set));
-        while_asleep(|| common::wait::next(&mut set), |_| drop(next(&slow)));
-        assert!(publisher.try_publish(b"x").unwrap().is_some());
-        assert!(is_quiet(&mut set));
+        for message in MESSAGES {
+            let (talker, listener) = (it.node("talker"), it.peer("listener"));
+            let publisher = publisher(&talker);
+            let slow = narrow(&listener);
+            meet(&publisher, &[&slow]);
+            let mut set = WaitSet::new().unwrap();
+            set.add(&publisher, ()).unwrap();
+            assert!(!is_quiet(&mut set), "there is room");
+            fill(&publisher, message);
+            assert!(is_quiet(&mut set));
+            while_asleep(|| common::wait::next(&mut set), |_| drop(next(&slow)));
+            assert!(publisher.try_publish(message).unwrap().is_some());
+            assert!(is_quiet(&mut set));
+        }
     });
 }
 
@@ -230,8 +241,9 @@ fn threads_that_wait_for_room_keep_their_order() {
         let subscriber = narrow(&listener);
         meet(&publisher, &[&subscriber]);
         let publish = || {
-            for _ in 0..EACH {
-                assert_eq!(publisher.publish(b"x").unwrap().missed, 0);
+            for number in 0..EACH {
+                let message = MESSAGES[number as usize % 2];
+                assert_eq!(publisher.publish(message).unwrap().missed, 0);
             }
             // Without the background thread, calls send the messages that wait in the publisher.
             publisher.flush().unwrap();

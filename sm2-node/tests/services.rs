@@ -114,18 +114,20 @@ fn a_server_whose_replies_are_held_is_not_chosen_while_another_has_room() {
         assert_eq!(request[0], id);
         request
     };
+    // A reply that needs a slot.
+    let reply = "held ".repeat(25);
     let calls = [send(0), send(1)];
-    served(0, 0).reply("zero").unwrap();
+    served(0, 0).reply(&reply).unwrap();
     let _pending = served(1, 1);
     let [first, _] = calls;
     let _held = first.wait().unwrap();
     // Both servers have one: a reply that is held, and a call. The next call goes to the older one.
     let second = send(2);
-    served(0, 2).reply("two").unwrap();
+    served(0, 2).reply(&reply).unwrap();
     let _held_too = second.wait().unwrap();
     // The first server has no call, but two replies are held, which is the limit.
     let _third = send(3);
-    served(1, 3).reply("three").unwrap();
+    served(1, 3).reply(&reply).unwrap();
 }
 
 //= SM2-SRV-005 test
@@ -283,6 +285,8 @@ fn a_cancelled_call_is_known_to_both_sides() {
     let call = client.send_timeout(b"b", SOON).unwrap();
     drop(call);
     let call = client.send_timeout(b"c", SOON).unwrap();
+    // Reads the socket, which has the cancellation. On the ring lane, a call reads it now and then.
+    server.links();
     let request = next_request(&server);
     assert_eq!(&*request, b"c");
     // A reply that overtakes the cancellation counts.

@@ -3,19 +3,28 @@
 use std::time::Duration;
 
 use crate::common::fixture::Fixture;
-use crate::common::{SOON, until};
+use crate::common::{SOON, number_in_slot, until};
 use sm2_node::synchronizer::{Input, InputCounters};
 use sm2_node::{
-    Executor, Instant, Node, Publisher, RecvError, Sample, Shutdown, SubscriberBuilder,
-    Synchronizer, Timer, WaitSet,
+    Executor, Instant, Node, PublishError, Published, Publisher, RecvError, Sample, Shutdown,
+    SubscriberBuilder, Synchronizer, Timer, WaitSet,
 };
 
-type Pair = (Sample<u64>, Sample<u64>);
+type Pair = (Sample<[u64]>, Sample<[u64]>);
+
+/// A topic whose messages need slots, so that a subscriber holds them.
+struct Topic(Publisher<[u64]>);
+
+impl Topic {
+    fn publish(&self, time: &u64) -> Result<Published, PublishError> {
+        self.0.publish(&number_in_slot(*time))
+    }
+}
 
 /// Two topics whose messages are their own times, in nanoseconds.
 struct Topics {
-    left: Publisher<u64>,
-    right: Publisher<u64>,
+    left: Topic,
+    right: Topic,
     _node: Node,
 }
 
@@ -23,12 +32,8 @@ impl Topics {
     fn new(it: &Fixture) -> Self {
         let node = it.peer("source");
         let topic = |name| {
-            let builder = node.publisher_builder::<u64>(name);
-            builder
-                .reliable(true)
-                .publish_timeout(SOON)
-                .declare()
-                .unwrap()
+            let builder = node.publisher_builder::<[u64]>(name).reliable(true);
+            Topic(builder.publish_timeout(SOON).declare().unwrap())
         };
         Self {
             left: topic("left"),
@@ -40,7 +45,7 @@ impl Topics {
     /// Waits until both topics are linked with the synchronizer.
     fn wait(&self) {
         for topic in [&self.left, &self.right] {
-            topic.wait_for_subscribers_timeout(1, SOON).unwrap();
+            topic.0.wait_for_subscribers_timeout(1, SOON).unwrap();
         }
     }
 }
@@ -51,24 +56,24 @@ fn link(topics: &Topics, synchronizer: &mut Synchronizer<Pair>) {
         assert!(synchronizer.try_recv().unwrap().is_none());
         [&topics.left, &topics.right]
             .iter()
-            .all(|it| it.links().iter().any(|link| link.open))
+            .all(|it| it.0.links().iter().any(|link| link.open))
     });
 }
 
-fn input(node: &Node, topic: &str) -> Input<u64> {
-    Input::new(subscriber(node, topic)).time(|message| Instant(**message))
+fn input(node: &Node, topic: &str) -> Input<[u64]> {
+    Input::new(subscriber(node, topic)).time(|message| Instant(message[0]))
 }
 
-fn subscriber(node: &Node, topic: &str) -> SubscriberBuilder<u64> {
+fn subscriber(node: &Node, topic: &str) -> SubscriberBuilder<[u64]> {
     node.subscriber_builder(topic).reliable(true).depth(64)
 }
 
-fn inputs(node: &Node) -> (Input<u64>, Input<u64>) {
+fn inputs(node: &Node) -> (Input<[u64]>, Input<[u64]>) {
     (input(node, "left"), input(node, "right"))
 }
 
 fn values((left, right): Pair) -> (u64, u64) {
-    (*left, *right)
+    (left[0], right[0])
 }
 
 /// The message of 100 of the left topic completes two sets, and then no message wakes the wait set for the second one.
@@ -232,7 +237,7 @@ fn a_synchronizer_never_exceeds_its_borrow_limit() {
         );
         // It goes on where it was.
         let set = synchronizer.recv_timeout(SOON).unwrap().expect("a set");
-        assert_eq!(*set.0, values.last().unwrap().0 + 1);
+        assert_eq!(set.0[0], values.last().unwrap().0 + 1);
     });
 }
 
@@ -250,7 +255,7 @@ fn publication_times_are_the_default() {
             topics.right.publish(&number).unwrap();
         }
         let (left, right) = synchronizer.recv_timeout(SOON).unwrap().expect("a set");
-        assert!(left.abs_diff(*right) <= 1, "{left:?}, {right:?}");
+        assert!(left[0].abs_diff(right[0]) <= 1, "{left:?}, {right:?}");
     });
 }
 

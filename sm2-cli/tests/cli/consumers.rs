@@ -52,7 +52,7 @@ impl Drop for Repeat {
 fn talker(domain: &Domain) -> Repeat {
     let publisher = domain.node("talker").publisher::<[u8]>("scan").unwrap();
     Repeat::new(move || {
-        publisher.publish(b"a scan").unwrap();
+        publisher.publish(&[b'.'; 200]).unwrap();
         thread::sleep(PERIOD);
     })
 }
@@ -338,7 +338,7 @@ fn old_delays_and_processor_times_are_shown() {
     assert!(scan.contains(" (") && scan.contains(") "), "{text}");
 
     let _talking = Repeat::new(move || {
-        publisher.publish(b"a scan").unwrap();
+        publisher.publish(&[b'.'; 200]).unwrap();
         drop(subscriber.recv_timeout(SOON).unwrap());
     });
     top(&domain, "ear", |topic, node| {

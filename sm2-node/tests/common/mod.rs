@@ -9,6 +9,7 @@ pub(crate) mod threads;
 pub(crate) mod wait;
 
 use sm2_proto::control::Limits;
+use sm2_proto::limits::CELL_MAX;
 use std::thread;
 use std::time::{Duration, Instant};
 
@@ -122,6 +123,18 @@ pub(crate) fn until(mut is_so: impl FnMut() -> bool) {
         assert!(Instant::now() < deadline, "waited in vain");
         thread::sleep(Duration::from_micros(100));
     }
+}
+
+/// Returns a message that begins with these bytes and is too long for a cell: it is in a slot until it is released.
+pub(crate) fn in_slot(bytes: &[u8]) -> Vec<u8> {
+    let mut message = bytes.to_vec();
+    message.resize(message.len().max(CELL_MAX + 1), 0);
+    message
+}
+
+/// As [`in_slot`], for a message of numbers: it repeats this one.
+pub(crate) const fn number_in_slot(number: u64) -> [u64; CELL_MAX / 8 + 1] {
+    [number; CELL_MAX / 8 + 1]
 }
 
 /// Returns bytes that depend on the position and on the message.
