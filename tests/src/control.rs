@@ -223,6 +223,8 @@ pub struct Qos {
     pub sealed: bool,
     /// `deadline`
     pub deadline: u64,
+    /// `lifespan`
+    pub lifespan: u64,
     /// `lease`
     pub lease: u64,
 }
@@ -236,6 +238,7 @@ impl Qos {
         max_borrowed: 2,
         sealed: false,
         deadline: 0,
+        lifespan: 0,
         lease: 0,
     };
     /// Plain and reliable.
@@ -283,8 +286,8 @@ pub fn typed_publisher(topic: impl AsRef<[u8]>, data: &[u8], qos: Qos) -> Vec<u8
     let head = Fields::new().int(0).text(topic).raw(data);
     let offer = head.int(qos.depth.into()).flag(qos.reliable);
     let offer = offer.int(qos.latched.into()).flag(qos.sealed);
-    let lifespan = 0;
-    offer.int(qos.deadline).int(lifespan).int(qos.lease).bytes()
+    let offer = offer.int(qos.deadline).int(qos.lifespan);
+    offer.int(qos.lease).bytes()
 }
 
 /// A subscriber of raw bytes.

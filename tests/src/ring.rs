@@ -26,6 +26,32 @@ pub const fn word(segment: u64, slot: u64, sequence: u64) -> u64 {
     (sequence & 0xffff_ffff) << 32 | 1 << 31 | segment << 16 | slot
 }
 
+/// The word that names a message in its cell.
+#[must_use]
+pub const fn cell_word(len: u64, status: u64, sequence: u64) -> u64 {
+    (sequence & 0xffff_ffff) << 32 | 1 << 30 | status << 8 | len
+}
+
+/// Whether a word names a message in a slot.
+#[must_use]
+pub const fn is_in_slot(bits: u64) -> bool {
+    bits & 1 << 31 != 0
+}
+
+/// The words of a cell behind its forward word; `time` is 0.
+#[must_use]
+pub fn cell(id: u64, payload: &[u8]) -> Vec<u64> {
+    let word = |bytes: &[u8]| {
+        let mut word = [0; 8];
+        word[..bytes.len()].copy_from_slice(bytes);
+        u64::from_le_bytes(word)
+    };
+    [id, 0]
+        .into_iter()
+        .chain(payload.chunks(8).map(word))
+        .collect()
+}
+
 /// The head at the end of a slot; `time` is 0.
 #[must_use]
 pub fn head(id: u64, len: u64) -> [u8; 64] {
@@ -38,7 +64,7 @@ pub fn head(id: u64, len: u64) -> [u8; 64] {
 /// The size of a ring's file.
 #[must_use]
 pub fn size(depth: u16, window: u32) -> u64 {
-    let back = (128 + 8 * u64::from(depth)).next_multiple_of(64);
+    let back = 128 + 128 * u64::from(depth);
     (back + 8 * u64::from(window)).next_multiple_of(PAGE)
 }
 
@@ -122,6 +148,19 @@ impl RawSender {
         self.put(sequence, word(1, slot as u64, sequence))
     }
 
+    /// Writes the cell of this message.
+    pub fn fill_cell(&self, sequence: u64, id: u64, payload: &[u8]) {
+        let index = (sequence % u64::from(self.depth)) as u32;
+        self.ring.write_cell(index, &cell(id, payload));
+    }
+
+    /// Sends a correct message in its cell, which is empty.
+    pub fn send_in_cell(&self, sequence: u64, payload: &[u8]) {
+        self.fill_cell(sequence, sequence, payload);
+        let word = cell_word(payload.len() as u64, 0, sequence);
+        assert_eq!(self.put(sequence, word), 0, "message {sequence}");
+    }
+
     /// Takes the `n`th back word, counted from 0.
     pub fn harvest(&self, n: u64) -> u64 {
         let at = At::Back((n % u64::from(self.window)) as u32);
@@ -188,6 +227,17 @@ impl RawReceiver {
         let bits = self.ring.load(at);
         (bits >> 32 == sequence & 0xffff_ffff && bits != 0 && self.ring.take(at, bits))
             .then_some(bits)
+    }
+
+    /// The id and the payload of the message that a word has named in its cell.
+    #[must_use]
+    pub fn in_cell(&self, bits: u64) -> (u64, Vec<u8>) {
+        assert_eq!(bits >> 30 & 3, 1, "a message in its cell: {bits:#x}");
+        let mut words = [0; 15];
+        let index = (bits >> 32) % u64::from(self.depth);
+        self.ring.read_cell(index as u32, &mut words);
+        let payload = words[2..].iter().flat_map(|it| it.to_le_bytes());
+        (words[0], payload.take((bits & 0xff) as usize).collect())
     }
 
     /// Puts these bits at the `n`th back word, counted from 0.

@@ -26,7 +26,7 @@ use sm2_tests::{
     pattern,
     random::Random,
     raw::{RawLink, RawNode},
-    ring::{PAGE, RawReceiver, RawSender, head, word},
+    ring::{PAGE, RawReceiver, RawSender, cell_word, head, is_in_slot, word},
 };
 
 /// A node that offers the ring lane, whatever the environment sets.
@@ -139,10 +139,15 @@ impl RawCaller {
     /// Does something that is illegal most of the time.
     fn misbehave(&mut self, random: &mut Random, near: u64) {
         let (depth, window) = (self.requests.depth, self.requests.window);
-        let bits = match random.within(0..6) {
+        let bits = match random.within(0..8) {
             0 => random.next(),
             1 => 0,
             2 => random.within(0..3),
+            3..5 => cell_word(
+                random.within(0..110),
+                u64::from(random.within(0..9) == 0),
+                near + random.within(0..3),
+            ),
             _ => word(1, random.within(0..9), near + random.within(0..3)),
         };
         match random.within(0..40) {
@@ -153,6 +158,8 @@ impl RawCaller {
                 let mut head = head(near + random.within(0..2), random.within(0..9));
                 head[24] = u8::from(random.within(0..9) == 0);
                 self.requests.fill(slot, b"payload", head);
+                let id = near + random.within(0..2);
+                (self.requests).fill_cell(near + random.within(0..3), id, &[7; 104]);
             }
             6..11 => drop(
                 self.requests
@@ -181,7 +188,7 @@ impl RawCaller {
 type Script = (ViolationKind, fn(&mut RawSender));
 
 /// One script for each of several kinds.
-const SCRIPTS: [Script; 5] = [
+const SCRIPTS: [Script; 8] = [
     (ViolationKind::BadWord, |it| {
         it.put(1, word(1, 0, 2));
     }),
@@ -200,6 +207,17 @@ const SCRIPTS: [Script; 5] = [
         head[63] = 1;
         it.fill(0, b"payload", head);
         it.put(1, word(1, 0, 1));
+    }),
+    (ViolationKind::BadWord, |it| {
+        it.put(1, cell_word(105, 0, 1));
+    }),
+    (ViolationKind::BadId, |it| {
+        it.fill_cell(1, 0, b"payload");
+        it.put(1, cell_word(7, 0, 1));
+    }),
+    (ViolationKind::ReservedNotZero, |it| {
+        it.fill_cell(1, 1, b"payload");
+        it.put(1, cell_word(7, 1, 1));
     }),
 ];
 
@@ -262,6 +280,7 @@ fn a_cancel_may_come_before_its_request_and_after_its_reply() {
     let _manager = domain.manager();
     let victim = Victim::new(&domain);
     let mut raw = RawCaller::new(&domain, "raw");
+    let mut given = 0;
     for id in 1..=20_u64 {
         if id % 2 == 0 {
             raw.link.end.send(cancel(id));
@@ -269,14 +288,22 @@ fn a_cancel_may_come_before_its_request_and_after_its_reply() {
         if id % 5 == 0 {
             victim.answers_its_friend();
         }
-        raw.requests.send(id, (id % 8) as usize, b"payload");
+        // Its reply needs a slot.
+        raw.requests.send(id, (id % 8) as usize, &[7; 200]);
         raw.requests.bell(&raw.link);
         let mut reply = None;
         eventually("a reply", || {
             reply = reply.or_else(|| raw.replies.take(id));
             reply.is_some()
         });
-        raw.replies.give(id - 1, reply.expect("taken"));
+        // A reply in a slot is given back; one in a cell is not.
+        let reply = reply.expect("taken");
+        if is_in_slot(reply) {
+            raw.replies.give(given, reply);
+            given += 1;
+        } else {
+            assert_eq!(raw.replies.in_cell(reply).0, id, "its call");
+        }
         eventually("its request back", || raw.requests.harvest(id - 1) != 0);
         raw.link.end.send(cancel(id));
         assert_eq!(raw.link.verdict(), None);

@@ -24,7 +24,7 @@ use sm2_tests::{
     memory, pattern,
     random::Random,
     raw::{RawLink, RawNode},
-    ring::{PAGE, RawReceiver, RawSender, size, word},
+    ring::{PAGE, RawReceiver, RawSender, cell_word, size, word},
 };
 
 const RING: [&str; 2] = ["--ring-lane", "on"];
@@ -85,10 +85,16 @@ fn somewhere(random: &mut Random, depth: u16, window: u32) -> At {
 
 /// Random bits, often close to a correct word.
 fn something(random: &mut Random, near: u64) -> u64 {
-    match random.within(0..6) {
+    match random.within(0..8) {
         0 => random.next(),
         1 => 0,
         2 => random.within(0..3),
+        6 => cell_word(
+            random.within(0..110),
+            u64::from(random.within(0..9) == 0),
+            near + random.within(0..9),
+        ),
+        7 => cell_word(random.within(0..105), 0, near + random.within(0..3)),
         3 => word(
             random.within(0..4),
             random.within(0..16),
@@ -119,6 +125,8 @@ fn a_publisher_that_writes_anything_anywhere_loses_its_link_alone() {
             for _ in 0..2_000 {
                 let at = somewhere(&mut random, sender.depth, sender.window);
                 sender.ring.swap(at, something(&mut random, 0));
+                let sequence = random.within(0..9);
+                sender.fill_cell(sequence, random.within(0..9), &[7; 104]);
                 written += 1;
             }
             victim.actor.answer();
@@ -231,7 +239,7 @@ fn a_publisher_that_never_maps_the_ring_stops_nobody() {
 //= SM2-RNG-010 sys
 #[test]
 fn what_a_killed_publisher_left_in_the_ring_is_there() {
-    for offer in ["", "reliable_ms=60000"] {
+    for (offer, size) in [("", 5_000), ("reliable_ms=60000", 5_000), ("", 100)] {
         let domain = TempDomain::new();
         let _manager = domain.manager();
         let mut listener = node(&domain, "listener");
@@ -240,10 +248,11 @@ fn what_a_killed_publisher_left_in_the_ring_is_there() {
         let mut talker = node(&domain, "talker");
         talker.tell(&format!("pub t t {offer}"));
         talker.tell("wait t 1");
-        talker.tell("publish t 30 5000");
+        talker.tell(&format!("publish t 30 {size}"));
         talker.kill();
         let drained = listener.tell("drain t");
-        let expected = "got=8 bytes=40000 first=23 last=30 lost=22 damaged=0";
+        let bytes = 8 * size;
+        let expected = format!("got=8 bytes={bytes} first=23 last=30 lost=22 damaged=0");
         assert_eq!(drained, expected);
         eventually("the end of the link", || {
             listener.ask("drain t");
@@ -345,6 +354,50 @@ fn a_ring_that_is_never_emptied_costs_its_receiver_alone() {
         eventually("all of them to be back", || {
             talk.talker.counted_with("t", "raw").delivered == 4
         });
+    }
+}
+
+/// A receiver empties cells without reading them, and puts their words back: its own messages count as delivered or as
+/// not taken. A word that comes back where the sender has settled the message ends the link.
+//= SM2-RNG-005, SM2-RNG-013 sys
+#[test]
+fn a_subscriber_that_empties_and_refills_cells_costs_itself_alone() {
+    for (offer, qos) in [("", Qos::PLAIN), ("reliable_ms=30", Qos::RELIABLE)] {
+        let domain = TempDomain::new();
+        let _manager = domain.manager();
+        let mut talk = Talk::new(&domain, offer, qos);
+        let receiver = RawReceiver::open(&talk.link, 4, 6);
+        talk.talker.tell("wait t 2");
+        talk.publish(4, 100);
+        let words = [0, 1, 2, 3].map(|it| receiver.ring.swap(At::Forward(it), 0));
+        eventually("all of them to count as delivered", || {
+            talk.talker.counted_with("t", "raw").delivered == 4
+        });
+        // The next messages fill the empty cells, and are emptied and put back before the sender looks again.
+        talk.publish(4, 100);
+        for index in 0..4 {
+            let bits = receiver.ring.swap(At::Forward(index), 0);
+            let (id, payload) = receiver.in_cell(bits);
+            assert!(pattern::is_intact(&payload, id), "message {id}");
+            receiver.ring.swap(At::Forward(index), bits);
+        }
+        let count = talk.talker.counted_with("t", "raw");
+        assert_eq!((count.delivered, count.in_flight), (4, 4));
+        talk.publish(4, 100);
+        let count = talk.talker.counted_with("t", "raw");
+        let reason = if qos.reliable { "no_room" } else { "discarded" };
+        assert!(count.open);
+        assert_eq!((count.of(reason), count.in_flight), (4, 4), "{count:?}");
+        for (index, bits) in (0..).zip(words) {
+            receiver.ring.swap(At::Forward(index), bits);
+        }
+        // A reliable sender waits for words that it does not know; another one displaces them.
+        talk.publish(1, 100);
+        if !qos.reliable {
+            let code = ViolationKind::BadWord.code().0;
+            assert_eq!(talk.link.closed(), Some(code));
+        }
+        talk.publish(20, 100);
     }
 }
 

@@ -155,7 +155,7 @@ fn requests_and_replies_of_every_size_arrive_intact() {
         server.tell(&format!("server s s {inline}"));
         client.tell(&format!("client s s {inline} {sealed}"));
         client.tell("wait s 1");
-        for size in [0, 1, PAGE - 1, PAGE, PAGE + 1, MIB, MOST_OF_CALLS] {
+        for size in [0, 1, 104, 105, PAGE - 1, PAGE, PAGE + 1, MIB, MOST_OF_CALLS] {
             client.tell(&format!("call s {size}"));
             server.tell("serve s 1");
             let reply = client.tell("reply s");

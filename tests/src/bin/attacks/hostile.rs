@@ -138,7 +138,7 @@ fn library(role: &str, socket: &Path, name: &str) {
         linked.expect("a subscriber");
         println!("ready");
         loop {
-            publisher.publish(&[0; 100]).expect("published");
+            publisher.publish(&[0; 200]).expect("published");
             thread::sleep(Duration::from_millis(5));
         }
     }

@@ -35,10 +35,10 @@ impl LinkStage {
         (receiver, sender)
     }
 
-    /// The client has made call 1, which the raw end has taken.
-    fn called_by_ring(&self) -> (RawReceiver, RawSender) {
+    /// The client has made call 1, whose request is too long for a cell, and which the raw end has taken.
+    pub(super) fn called_by_ring(&self) -> (RawReceiver, RawSender) {
         let (receiver, sender) = self.rings();
-        self.victim.borrow_mut().tell("call x 8");
+        self.victim.borrow_mut().tell("call x 200");
         let frame = self.link.end.expect().bytes;
         assert_eq!(frame[0], kind::ATTACH, "{frame:?}");
         assert!(receiver.take(1).is_some(), "a request");

@@ -3,6 +3,7 @@
 //! The real end is an interface of a real node. The raw end belongs to a raw node of the same domain.
 
 mod calls;
+mod cells;
 mod flow;
 mod frames;
 mod layout;
@@ -26,6 +27,7 @@ pub fn rows() -> Rows {
     rows.extend(flow::rows());
     rows.extend(ring::rows());
     rows.extend(ring_memory::rows());
+    rows.extend(cells::rows());
     rows.extend(calls::rows());
     rows
 }

@@ -234,7 +234,7 @@ fn offers() -> Rows {
         })
         .fresh(Publisher, "DETACHED of an attached segment", |stage| {
             let _receiver = stage.receiver();
-            stage.victim.borrow_mut().tell("publish x 1 8");
+            stage.victim.borrow_mut().tell("publish x 1 200");
             assert_eq!(stage.link.end.expect().bytes[0], kind::ATTACH);
             stage.send(detached(0));
         })

@@ -31,13 +31,13 @@ pub(super) fn rows() -> Rows {
 
 impl LinkStage {
     /// Makes the subscriber take everything in the ring.
-    fn drain(&self) {
+    pub(super) fn drain(&self) {
         self.victim.borrow_mut().tell("drain x");
     }
 
-    /// Makes the publisher publish `count` messages, and reads ATTACH.
+    /// Makes the publisher publish `count` messages that are too long for cells, and reads ATTACH.
     fn publishes(&self, count: u64) {
-        let command = format!("publish x {count} 8");
+        let command = format!("publish x {count} 200");
         self.victim.borrow_mut().tell(&command);
         let frame = self.link.end.expect().bytes;
         assert_eq!(frame[0], kind::ATTACH, "{frame:?}");
@@ -218,14 +218,14 @@ fn displaced_words() -> Rows {
             stage.publishes(4);
             let other = receiver.ring.load(At::Forward(2));
             receiver.ring.swap(At::Forward(1), other);
-            stage.victim.borrow_mut().tell("publish x 1 8");
+            stage.victim.borrow_mut().tell("publish x 1 200");
         })
         .fresh(Publisher, "a message that was taken, put back", |stage| {
             let (receiver, words) = stage.taken(1);
             receiver.give(0, words[0]);
-            stage.victim.borrow_mut().tell("publish x 3 8");
+            stage.victim.borrow_mut().tell("publish x 3 200");
             receiver.ring.swap(At::Forward(1), words[0]);
-            stage.victim.borrow_mut().tell("publish x 1 8");
+            stage.victim.borrow_mut().tell("publish x 1 200");
         });
     all([rule])
 }
@@ -268,7 +268,7 @@ fn back_words() -> Rows {
         stage.publishes(1);
         receiver.give(0, receiver.ring.load(At::Forward(1)));
         // The sender finds the word at the latest when it reuses the index.
-        stage.victim.borrow_mut().tell("publish x 4 8");
+        stage.victim.borrow_mut().tell("publish x 4 200");
     });
     let what = "something where the receiver gives back";
     all([rule.fresh(Subscriber, what, |stage| {
@@ -285,9 +285,9 @@ fn windows() -> Rows {
     all([rule.fresh(Publisher, what, |stage| {
         let (receiver, _words) = stage.taken(4);
         for n in 5..=6 {
-            stage.victim.borrow_mut().tell("publish x 1 8");
+            stage.victim.borrow_mut().tell("publish x 1 200");
             let _word = receiver.take(n).expect("a message");
         }
-        stage.victim.borrow_mut().tell("publish x 1 8");
+        stage.victim.borrow_mut().tell("publish x 1 200");
     })])
 }

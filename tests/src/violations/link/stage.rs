@@ -25,6 +25,8 @@ pub enum Real {
     SealedSubscriber,
     /// A best-effort subscriber that takes messages of up to 1,024 bytes, only on command: window 6.
     BestEffort,
+    /// As `BestEffort`, of a publisher whose messages expire after a minute.
+    Expiring,
     /// A publisher with depth 8.
     Publisher,
     /// A reliable publisher that does not wait for subscribers.
@@ -47,7 +49,7 @@ impl Real {
         match self {
             Self::Subscriber => "sub x x depth=4 borrow=2 reliable",
             Self::SealedSubscriber => "sub x x depth=4 borrow=2 reliable sealed",
-            Self::BestEffort => "sub x x depth=4 borrow=2 max_len=1024",
+            Self::BestEffort | Self::Expiring => "sub x x depth=4 borrow=2 max_len=1024",
             Self::Publisher => "pub x x depth=8",
             Self::ReliablePublisher => "pub x x depth=8 reliable_ms=0",
             Self::Server => "server x x depth=4 borrow=2",
@@ -63,6 +65,13 @@ impl Real {
             Self::Subscriber | Self::SealedSubscriber | Self::BestEffort => {
                 control::publisher("x", Qos::RELIABLE)
             }
+            Self::Expiring => control::publisher(
+                "x",
+                Qos {
+                    lifespan: 60_000_000_000,
+                    ..Qos::PLAIN
+                },
+            ),
             Self::Publisher => control::subscriber("x", Qos::PLAIN),
             Self::ReliablePublisher => control::subscriber("x", Qos::RELIABLE),
             Self::Server | Self::WideServer => control::client("x", Qos::PLAIN),
@@ -74,7 +83,9 @@ impl Real {
     #[must_use]
     pub const fn raw_role(self) -> (u8, u32) {
         match self {
-            Self::Subscriber | Self::SealedSubscriber | Self::BestEffort => (role::SENDER, 0),
+            Self::Subscriber | Self::SealedSubscriber | Self::BestEffort | Self::Expiring => {
+                (role::SENDER, 0)
+            }
             Self::Publisher | Self::ReliablePublisher => (role::RECEIVER, 6),
             Self::Server | Self::WideServer => (role::CALLER, 6),
             Self::Client => (role::SERVER, 6),
@@ -85,7 +96,9 @@ impl Real {
     #[must_use]
     pub const fn real_role(self) -> (u8, u32) {
         match self {
-            Self::Subscriber | Self::SealedSubscriber | Self::BestEffort => (role::RECEIVER, 6),
+            Self::Subscriber | Self::SealedSubscriber | Self::BestEffort | Self::Expiring => {
+                (role::RECEIVER, 6)
+            }
             Self::Publisher | Self::ReliablePublisher => (role::SENDER, 0),
             Self::Server => (role::SERVER, 6),
             Self::WideServer => (role::SERVER, 2048),
@@ -97,7 +110,9 @@ impl Real {
     #[must_use]
     pub const fn receives(self) -> u8 {
         match self {
-            Self::Subscriber | Self::SealedSubscriber | Self::BestEffort => kind::DATA,
+            Self::Subscriber | Self::SealedSubscriber | Self::BestEffort | Self::Expiring => {
+                kind::DATA
+            }
             Self::Server | Self::WideServer => kind::REQUEST,
             Self::Client | Self::Publisher | Self::ReliablePublisher => kind::REPLY,
         }
@@ -152,7 +167,7 @@ impl LinkStage {
     pub(super) fn expect_open(&self) {
         let (end, window) = self.real.real_role();
         let mut theirs = Open::new(end, self.link.id, window);
-        if self.real == Real::BestEffort {
+        if matches!(self.real, Real::BestEffort | Real::Expiring) {
             theirs.max_len = 1;
         }
         if self.real.offers_ring() {
