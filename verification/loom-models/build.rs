@@ -111,6 +111,11 @@ const RING: &[Change] = &[
         "word.swap(bits.to_le(), Ordering::AcqRel)",
         "word.swap(bits.to_le(), Ordering::Release)",
     ),
+    (
+        "taken_without_release",
+        "bits.to_le(), 0, Ordering::AcqRel,",
+        "bits.to_le(), 0, Ordering::Acquire,",
+    ),
     ("taken_anyway", "taken.is_ok()", "true"),
     (
         "taken_unseen",

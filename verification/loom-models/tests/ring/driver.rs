@@ -6,9 +6,9 @@ use std::collections::VecDeque;
 use std::sync::Arc;
 
 use sm2_proto::link::{
-    Attachment, Config, Delivery, End, Error, Fate, Input, LaneKind, LentRing, Link, MaxLen,
-    Misuse, NoDelivery, Output, Payload, Publications, RingLayout, RingMemory, RingMessage, Role,
-    SlotHead, SlotRange, Status, Wake, doorbell,
+    Attachment, CellMessage, Config, Delivery, End, Error, Fate, Input, LaneKind, LentRing, Link,
+    MaxLen, Misuse, NoDelivery, Output, Payload, Publications, RingLayout, RingMemory, RingMessage,
+    Role, SlotHead, SlotRange, Status, Wake, doorbell,
 };
 use sm2_proto::{
     Datagram, Farewell, FdFacts, Instant, LinkId, Machine, Period, Seals, limits::SLOT_HEAD,
@@ -66,14 +66,16 @@ pub(crate) struct Driver<W> {
     pub(crate) memory: Arc<Memory>,
     socket: Socket,
     order: Order,
+    /// Sender: whether the message with this id travels in a cell.
+    pub(crate) in_cell: fn(u64) -> bool,
     /// The ids of all messages that it has sent or taken, in order.
     pub(crate) seen: Vec<u64>,
-    /// Sender: the fates of its messages, by id.
+    /// Sender: the fates of its messages in slots, by id.
     pub(crate) settled: Vec<(u64, Fate)>,
     /// Sender: the message in each slot. A slot whose message was closed by the end of the link is
     /// never written again.
     slots: Vec<Option<u64>>,
-    /// Receiver: the messages that the application holds.
+    /// Receiver: the messages in slots that the application holds.
     pub(crate) held: Vec<Delivery>,
 }
 
@@ -149,7 +151,7 @@ impl<W: Mortal> Driver<W> {
         words: W,
         memory: Arc<Memory>,
         socket: Socket,
-        order: Order,
+        (order, in_cell): (Order, fn(u64) -> bool),
     ) -> Self {
         let slots = vec![None; memory.slots.len()];
         Self {
@@ -158,6 +160,7 @@ impl<W: Mortal> Driver<W> {
             memory,
             socket,
             order,
+            in_cell,
             seen: Vec::new(),
             settled: Vec::new(),
             slots,
@@ -281,21 +284,11 @@ impl<W: Mortal> Driver<W> {
     /// Publishes the next message. On a reliable link, waits for room.
     pub(crate) fn publish(&mut self) {
         self.harvest();
-        let Some(slot) = self.slots.iter().position(Option::is_none) else {
-            panic!("a slot more than the window is always free");
-        };
         if self.is_over() {
             return;
         }
         let id = self.seen.len() as u64 + 1;
-        self.slots[slot] = Some(id);
-        let head = SlotHead {
-            id,
-            time: NOW,
-            len: 8,
-            status: Status::Ok,
-        };
-        self.memory.slots[slot].write(payload_of(id), head.to_bytes());
+        let slot = (!(self.in_cell)(id)).then(|| self.fill_slot(id));
         let reliable = self.link.config().reliable;
         if !reliable || self.link.has_room(&self.words) {
             return self.send(id, slot);
@@ -304,23 +297,53 @@ impl<W: Mortal> Driver<W> {
             it.harvest();
             (it.link.has_room(&it.words)).then(|| it.send(id, slot))
         });
-        if sent.is_none() {
+        if let (None, Some(slot)) = (sent, slot) {
             self.slots[slot] = None;
         }
     }
 
-    fn send(&mut self, id: u64, slot: usize) {
-        let message = RingMessage {
-            key: id,
-            id,
-            len: 8,
-            segment: self.memory.segment(),
-            slot: slot as u32,
+    /// Writes a message into a free slot.
+    fn fill_slot(&mut self, id: u64) -> usize {
+        let Some(slot) = self.slots.iter().position(Option::is_none) else {
+            panic!("a slot more than the window is always free");
         };
+        self.slots[slot] = Some(id);
+        let head = SlotHead {
+            id,
+            time: NOW,
+            len: 8,
+            status: Status::Ok,
+        };
+        self.memory.slots[slot].write(payload_of(id), head.to_bytes());
+        slot
+    }
+
+    /// Sends the message in this slot, or in its cell.
+    fn send(&mut self, id: u64, slot: Option<usize>) {
         self.seen.push(id);
         let (slots, settled) = (&mut self.slots, &mut self.settled);
         let settled = |key, fate| settle(slots, settled, key, fate);
-        let sent = self.link.send_in_slot(&self.words, &message, settled);
+        let sent = match slot {
+            Some(slot) => {
+                let message = RingMessage {
+                    key: id,
+                    id,
+                    len: 8,
+                    segment: self.memory.segment(),
+                    slot: slot as u32,
+                };
+                (self.link).send_in_slot(&self.words, &message, settled)
+            }
+            None => {
+                let message = CellMessage {
+                    id,
+                    time: Instant(id),
+                    status: Status::Ok,
+                    bytes: &payload_of(id).to_le_bytes(),
+                };
+                (self.link).send_in_cell(&self.words, &message, settled)
+            }
+        };
         match sent {
             Ok(Wake::Needed) => self.ring_the_bell(),
             Ok(Wake::NotNeeded) => {}
@@ -338,7 +361,7 @@ impl<W: Mortal> Driver<W> {
         });
     }
 
-    /// Returns the messages with this fate.
+    /// Returns the messages in slots with this fate.
     pub(crate) fn settled_as(&self, fate: Fate) -> Vec<u64> {
         let these = self.settled.iter().filter(|it| it.1 == fate);
         these.map(|it| it.0).collect()
@@ -402,7 +425,14 @@ impl<W: Mortal> Driver<W> {
         );
         let id = delivery.id;
         self.seen.push(id);
-        self.held.push(delivery);
+        match &delivery.payload {
+            Payload::Cell(bytes) => {
+                let right = payload_of(id).to_le_bytes();
+                let is_whole = delivery.time == Instant(id) && bytes[..] == right;
+                assert!(is_whole, "message {id} is torn: {delivery:?}");
+            }
+            _ => self.held.push(delivery),
+        }
         Some(id)
     }
 
@@ -435,7 +465,7 @@ impl<W: Mortal> Driver<W> {
         let deliveries: Vec<Delivery> = self.held.drain(..count).collect();
         for delivery in &deliveries {
             let Payload::Pooled { offset, .. } = delivery.payload else {
-                panic!("on the ring lane all are pooled");
+                panic!("on the ring lane all others are pooled");
             };
             let slot = &self.memory.slots[(offset / self.memory.segment().stride) as usize];
             assert_eq!(slot.payload(), payload_of(delivery.id), "another payload");

@@ -10,6 +10,8 @@ pub(crate) struct Memory {
     pub(crate) layout: RingLayout,
     /// The words in the order of the layout, without gaps.
     words: Vec<AtomicU64>,
+    /// The words behind each forward word.
+    pub(crate) cells: Vec<CellPlace>,
     pub(crate) slots: Vec<Slot>,
 }
 
@@ -19,6 +21,7 @@ impl Memory {
         Self {
             layout,
             words: (0..count).map(|_| AtomicU64::new(0)).collect(),
+            cells: (0..layout.depth()).map(|_| CellPlace::new()).collect(),
             slots: (0..slots).map(|_| Slot::default()).collect(),
         }
     }
@@ -39,6 +42,28 @@ impl Memory {
             id: 0,
             stride: 4096,
             slots: self.slots.len() as u32,
+        }
+    }
+}
+
+/// As many words of a cell as a message of eight bytes takes.
+pub(crate) struct CellPlace {
+    pub(crate) words: [AtomicU64; 3],
+    /// The id of the last message that the receiver has copied. It stores the id in the program order of its copies,
+    /// and relaxed like these. So a sender whose writes are ordered behind the copies of a message loads its id.
+    pub(crate) copied: AtomicU64,
+    /// Accessed before each load of the forward word by one end, and before each change of that word by the other one:
+    /// the first by loads of the sender, the second by those of the receiver. loom reorders an access with the last one
+    /// of the same place only. An end that loads a word before it changes the word would hide the other end's load.
+    pub(crate) loads: [AtomicU64; 2],
+}
+
+impl CellPlace {
+    fn new() -> Self {
+        Self {
+            words: [0; 3].map(AtomicU64::new),
+            copied: AtomicU64::new(0),
+            loads: [0; 2].map(AtomicU64::new),
         }
     }
 }

@@ -4,11 +4,12 @@ use std::cell::{Cell, RefCell};
 use std::sync::Arc;
 
 use loom::thread;
-use sm2_proto::link::{At, Fate, RingMemory as _};
+use sm2_proto::link::{At, CellWord, Fate, RingMemory as _};
 
 use crate::driver::{Driver, Mortal, NODE, Order, layout, links};
 use crate::memory::Memory;
 use crate::socket::Socket;
+use crate::sync::Ordering;
 
 use super::atomic;
 
@@ -21,37 +22,120 @@ pub(crate) struct ModelRing {
     dead: Cell<bool>,
     put: RefCell<Vec<u64>>,
     displaced: RefCell<Vec<u64>>,
+    /// The id of the message that this end last wrote into each cell; `None` if it displaced that message.
+    written: RefCell<Vec<Option<u64>>>,
+    /// 0 for the sender, 1 for the receiver.
+    end: usize,
+    /// Whether messages may travel in cells.
+    has_cells: bool,
+    fault: Fault,
+    /// Of a [`Fault`]: the word that was read or taken out early.
+    early: Cell<u64>,
+}
+
+/// A fault of a machine, which the words of its end make.
+#[derive(Clone, Copy, PartialEq, Eq)]
+pub(crate) enum Fault {
+    None,
+    /// The receiver copies a cell after it has taken the word.
+    LateCopy,
+    /// The sender writes a cell whose word it has not swapped out.
+    EarlyWrite,
 }
 
 impl sm2_proto::link::RingMemory for ModelRing {
     fn load(&self, at: At) -> u64 {
-        match self.step() {
-            true => atomic::load(self.memory.word(at)),
-            false => 0,
+        if !self.step() {
+            return 0;
         }
+        self.note(at, self.end);
+        let bits = atomic::load(self.memory.word(at));
+        if self.fault == Fault::LateCopy {
+            self.early.set(bits);
+        }
+        bits
     }
 
     fn swap(&self, at: At, bits: u64) -> u64 {
         if !self.step() {
             return 0;
         }
+        if let (Fault::EarlyWrite, At::Forward(index), 0) = (self.fault, at, bits) {
+            let was = atomic::load(self.memory.word(at));
+            self.early.set(was);
+            self.written.borrow_mut()[index as usize] = None;
+            return was;
+        }
+        self.note(at, 1 - self.end);
         let was = atomic::swap(self.memory.word(at), bits);
-        if let At::Forward(_) = at {
+        if let At::Forward(index) = at {
+            if was != 0 {
+                self.written.borrow_mut()[index as usize] = None;
+            }
             self.put
                 .borrow_mut()
                 .extend((bits != 0).then_some(bits >> 32));
             (self.displaced.borrow_mut()).extend((was != 0).then_some(was >> 32));
         }
-        was
+        match self.fault {
+            // The machine knows the word that it read early.
+            Fault::EarlyWrite if self.early.take() != 0 => 0,
+            _ => was,
+        }
     }
 
     fn take(&self, at: At, bits: u64) -> bool {
-        self.step() && atomic::take(self.memory.word(at), bits)
+        if self.fault == Fault::LateCopy && CellWord::from_bits(bits).is_some() {
+            return self.early.take() == bits;
+        }
+        if !self.step() {
+            return false;
+        }
+        self.note(at, 1 - self.end);
+        atomic::take(self.memory.word(at), bits)
+    }
+
+    fn write_cell(&self, index: u32, words: &[u64]) {
+        if !self.step() {
+            return;
+        }
+        let cell = &self.memory.cells[index as usize];
+        if let Some(id) = self.written.borrow_mut()[index as usize].replace(words[0]) {
+            let copied = cell.copied.load(Ordering::Relaxed);
+            assert_eq!(copied, id, "the receiver may still copy it");
+        }
+        atomic::write(&cell.words, words);
+    }
+
+    fn read_cell(&self, index: u32, words: &mut [u64]) {
+        if !self.step() {
+            return;
+        }
+        if self.fault == Fault::LateCopy {
+            let word = self.memory.word(At::Forward(index));
+            self.note(At::Forward(index), 1 - self.end);
+            let bits = self.early.get();
+            self.early
+                .set(bits * u64::from(atomic::take(word, bits)));
+        }
+        let cell = &self.memory.cells[index as usize];
+        atomic::read(&cell.words, words);
+        cell.copied.store(words[0], Ordering::Relaxed);
     }
 
     fn fence(&self) {
         if self.fences {
             atomic::order();
+        }
+    }
+}
+
+impl ModelRing {
+    /// Shows loom an access to a forward word, where messages travel in cells: see `CellPlace::loads`.
+    fn note(&self, at: At, loads: usize) {
+        if let (At::Forward(index), true) = (at, self.has_cells) {
+            let cell = &self.memory.cells[index as usize];
+            cell.loads[loads].fetch_add(1, Ordering::Relaxed);
         }
     }
 }
@@ -82,6 +166,9 @@ pub(crate) struct Terms {
     pub(crate) fences: [bool; 2],
     /// The number of steps after which the sender and the receiver are killed.
     pub(crate) steps: [u32; 2],
+    /// Whether the message with this id travels in a cell.
+    pub(crate) in_cell: fn(u64) -> bool,
+    pub(crate) fault: Fault,
 }
 
 /// A keep-last link with the smallest window.
@@ -92,6 +179,8 @@ pub(crate) const LAST: Terms = Terms {
     order: [NODE; 2],
     fences: [true; 2],
     steps: [u32::MAX; 2],
+    in_cell: |_| false,
+    fault: Fault::None,
 };
 
 pub(crate) const ALL: Terms = Terms {
@@ -119,8 +208,17 @@ fn pair(terms: Terms) -> (End, End) {
             dead: Cell::new(false),
             put: RefCell::default(),
             displaced: RefCell::default(),
+            written: RefCell::new(vec![None; usize::from(terms.depth)]),
+            end: index,
+            has_cells: (1..3).any(terms.in_cell),
+            fault: match (terms.fault, index) {
+                (Fault::EarlyWrite, 0) | (Fault::LateCopy, 1) => terms.fault,
+                _ => Fault::None,
+            },
+            early: Cell::new(0),
         };
-        Driver::new(link, words, Arc::clone(&memory), socket, terms.order[index])
+        let terms = (terms.order[index], terms.in_cell);
+        Driver::new(link, words, Arc::clone(&memory), socket, terms)
     };
     (end(sender, one, 0), end(receiver, other, 1))
 }
@@ -180,11 +278,22 @@ fn settled(mut sender: End, receiver: &End) {
     account(&sender, receiver);
     assert_eq!(left(&sender), 0, "a message is left");
     sender.harvest();
+    let in_slots = |ids: &[u64]| -> Vec<u64> {
+        let ids = ids.iter().copied();
+        ids.filter(|id| !(sender.in_cell)(*id)).collect()
+    };
     let mut delivered = sender.settled_as(Fate::Delivered);
     delivered.sort_unstable();
-    assert_eq!(delivered, receiver.seen, "given back is what was taken");
-    let discarded = sender.settled_as(Fate::Discarded);
-    assert_eq!(discarded, *sender.words.displaced.borrow());
+    assert_eq!(
+        delivered,
+        in_slots(&receiver.seen),
+        "given back is what was taken"
+    );
+    let displaced = sender.words.displaced.borrow();
+    assert_eq!(sender.settled_as(Fate::Discarded), in_slots(&displaced));
+    let counted = sender.link.counters();
+    assert_eq!(counted.delivered, receiver.seen.len() as u64);
+    assert_eq!(counted.discarded, displaced.len() as u64);
     assert_eq!(sender.link.in_flight(), 0, "all is settled");
     assert_eq!(sender.free_slots(), sender.memory.slots.len());
 }
@@ -195,6 +304,14 @@ pub(crate) fn keep_last(terms: Terms) {
     let sender = publishing(sender, 3);
     receive_until(&mut receiver, 3);
     settled(sender.join().unwrap(), &receiver);
+}
+
+/// The same with two messages, without the settlements: a machine with a fault settles them wrongly, too.
+pub(crate) fn torn(terms: Terms) {
+    let (sender, mut receiver) = pair(terms);
+    let sender = publishing(sender, 2);
+    receive_until(&mut receiver, 2);
+    account(&sender.join().unwrap(), &receiver);
 }
 
 /// A pair whose window is full: the application holds a message, and the ring is full.
@@ -354,6 +471,8 @@ pub(crate) fn receiver_stops(terms: Terms) -> bool {
     let sender = sender.join().unwrap();
     account(&sender, &receiver);
     assert_eq!(sender.link.in_flight(), 0, "all is settled");
+    let counted = sender.link.counters();
+    assert!(counted.delivered <= receiver.seen.len() as u64);
     let delivered = sender.settled_as(Fate::Delivered);
     let mut taken = receiver.seen.iter();
     assert!(delivered.iter().all(|it| taken.any(|id| id == it)));

@@ -148,6 +148,8 @@ impl World {
                 info.and_then(|it| Slot::at(it, *offset)).map(Source::Slot)
             }
             Payload::Sealed => end.files.remove(&delivery.sequence).map(Source::Copy),
+            // No end offers a ring.
+            Payload::Cell(_) => None,
         };
         match source {
             Some(source) => Ok(source),
