@@ -275,7 +275,8 @@ typedef struct sm2_client_options_t {
    */
   uint32_t inline_max;
   /*
-   How many pending calls and replies of each server the program may hold: 1 to 1,024; 64 by default.
+   How many pending calls and replies of each server the program may hold: 1 to 1,024; 64 by default. Short replies
+   do not count, as for samples.
    */
   uint16_t max_borrowed;
   /*
@@ -548,7 +549,8 @@ typedef struct sm2_subscriber_options_t {
    */
   uint16_t depth;
   /*
-   How many samples of each publisher the program may hold: 1 to 1,024; 4 by default.
+   How many samples of each publisher the program may hold: 1 to 1,024; 4 by default. Samples of up to 104
+   bytes usually are copies, which do not count.
    */
   uint16_t max_borrowed;
   /*
@@ -595,7 +597,8 @@ typedef struct sm2_server_options_t {
    */
   uint16_t depth;
   /*
-   How many requests of each client the program may hold: 1 to 1,024; 16 by default.
+   How many requests of each client the program may hold: 1 to 1,024; 16 by default. Short ones do not count, as
+   for samples.
    */
   uint16_t max_borrowed;
   /*
@@ -1218,8 +1221,8 @@ sm2_status_t sm2_ros_schema(const char *name,
 
 /*
  Stores the bytes of a message in `data`, and their number in `len`. The bytes are in the memory that the publisher
- wrote, are aligned to 64 bytes, and do not change until the sample is released, freed or used again. Only short
- messages of links without a ring may be copied, to align them.
+ wrote, are aligned to 64 bytes, and do not change until the sample is released, freed or used again. Only messages
+ of at most 104 bytes, and short messages of links without a ring, may be copies.
 
  Errors: `SM2_MISUSE`, also if the sample is empty.
 

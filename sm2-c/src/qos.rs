@@ -69,7 +69,8 @@ pub struct SubscriberOptions {
     pub max_len: u64,
     /// How many messages of each publisher wait to be taken: 1 to 1,024; 8 by default.
     pub depth: u16,
-    /// How many samples of each publisher the program may hold: 1 to 1,024; 4 by default.
+    /// How many samples of each publisher the program may hold: 1 to 1,024; 4 by default. Samples of up to 104
+    /// bytes usually are copies, which do not count.
     pub max_borrowed: u16,
     /// Whether reliable delivery is requested; 0 by default.
     pub reliable: u8,
@@ -96,7 +97,8 @@ pub struct ServerOptions {
     pub inline_max: u32,
     /// How many requests of each client wait: 1 to 1,024; 64 by default.
     pub depth: u16,
-    /// How many requests of each client the program may hold: 1 to 1,024; 16 by default.
+    /// How many requests of each client the program may hold: 1 to 1,024; 16 by default. Short ones do not count, as
+    /// for samples.
     pub max_borrowed: u16,
     /// Whether every request and reply is sealed; 0 by default.
     pub sealed: u8,
@@ -117,7 +119,8 @@ pub struct ClientOptions {
     pub max_len: u64,
     /// Requests of up to this length are copied into datagrams, on links without a ring; 4,096 bytes by default.
     pub inline_max: u32,
-    /// How many pending calls and replies of each server the program may hold: 1 to 1,024; 64 by default.
+    /// How many pending calls and replies of each server the program may hold: 1 to 1,024; 64 by default. Short replies
+    /// do not count, as for samples.
     pub max_borrowed: u16,
     /// Whether every request and reply is sealed; 0 by default.
     pub sealed: u8,

@@ -67,8 +67,8 @@ impl Sample {
 }
 
 /// Stores the bytes of a message in `data`, and their number in `len`. The bytes are in the memory that the publisher
-/// wrote, are aligned to 64 bytes, and do not change until the sample is released, freed or used again. Only short
-/// messages of links without a ring may be copied, to align them.
+/// wrote, are aligned to 64 bytes, and do not change until the sample is released, freed or used again. Only messages
+/// of at most 104 bytes, and short messages of links without a ring, may be copies.
 ///
 /// Errors: `SM2_MISUSE`, also if the sample is empty.
 ///

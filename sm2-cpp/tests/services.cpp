@@ -81,6 +81,23 @@ void calls_in_the_background(const sm2::Node& node) {
     error_of(SM2_CALL_FAILED, [&] { return dropped.wait(); });
 }
 
+// A reply may be in the memory of its request, which is short or long.
+void replies_in_the_memory_of_their_requests(const sm2::Node& node) {
+    const auto server = node.server<Numbers, Numbers>("services/echo");
+    const auto client = node.client<Numbers, Numbers>("services/echo");
+    client.wait_for_servers(1, soon);
+    for (const std::size_t count : {std::size_t{2}, std::size_t{13}, std::size_t{200}}) {
+        const std::vector<double> numbers(count, 0.5);
+        sm2::Call<Numbers> call = client.send(numbers, soon);
+        sm2::Request<Numbers, Numbers> request = server.recv(soon);
+        CHECK(request && reinterpret_cast<std::uintptr_t>((*request).data()) % 64 == 0);
+        request.reply(*request);
+        const sm2::Reply<Numbers> reply = call.wait();
+        CHECK((*reply).size() == count && (*reply)[count - 1] == 0.5);
+        CHECK(reinterpret_cast<std::uintptr_t>((*reply).data()) % 64 == 0);
+    }
+}
+
 void without_a_server(const sm2::Node& node) {
     const auto client = node.client<double, double>("services/none");
     error_of(SM2_NO_SERVER, [&] { return client.call(1.0, soon); });
@@ -100,6 +117,7 @@ int main() {
     const sm2::Node node("services");
     calls(node);
     calls_in_the_background(node);
+    replies_in_the_memory_of_their_requests(node);
     without_a_server(node);
     return 0;
 }

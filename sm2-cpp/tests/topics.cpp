@@ -103,6 +103,25 @@ void a_message_of_another_length_is_an_error(const sm2::Node& node) {
     sm2_publisher_free(liar);
 }
 
+// Short messages do not count as borrowed. Each stays as it is, and where it is, while the program holds it.
+void short_samples_are_held(const sm2::Node& node) {
+    constexpr std::size_t count = 100;
+    const Pair<robot::Vector> pair(node, "topics/held");
+    std::vector<sm2::Sample<robot::Vector>> samples;
+    std::vector<const robot::Vector*> places;
+    for (std::size_t i = 0; i < count; i++) {
+        pair.publisher.publish(robot::Vector{static_cast<double>(i), 0.0, 1.0});
+        samples.push_back(pair.subscriber.recv(soon));
+        CHECK(samples.back());
+        places.push_back(&*samples.back());
+        CHECK(reinterpret_cast<std::uintptr_t>(places.back()) % 64 == 0);
+    }
+    for (std::size_t i = 0; i < count; i++) {
+        CHECK(&*samples[i] == places[i]);
+        CHECK(samples[i]->x == static_cast<double>(i) && samples[i]->z == 1.0);
+    }
+}
+
 void samples_outlive_everything() {
     sm2::Sample<robot::Vector[]> sample;
     {
@@ -126,6 +145,7 @@ int main() {
     numbers_lists_text_and_bytes(node);
     handles_are_used_again_and_moved(node);
     a_message_of_another_length_is_an_error(node);
+    short_samples_are_held(node);
     samples_outlive_everything();
     return 0;
 }

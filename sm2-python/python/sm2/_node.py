@@ -149,7 +149,8 @@ class Node(Closing):
 
         - `keep_last`: how many messages of each publisher wait to be taken; 8.
         - `reliable`: no message displaces another one. Matches only reliable publishers.
-        - `max_borrowed`: how many samples of each publisher the program may hold; 4.
+        - `max_borrowed`: how many samples of each publisher the program may hold; 4. Samples of up to 104 bytes
+          usually are copies, which do not count.
         - `deadline`, `liveliness`: demands a message, or a sign of life, of each publisher in each such period.
         - `sealed`: accepts only messages that their publisher cannot change.
         - `max_len`: the longest message that is accepted; 1 GiB.
@@ -169,7 +170,8 @@ class Node(Closing):
         """Declares a server that answers requests of one type with replies of another one. Raises `DeclareError`.
 
         - `depth`: how many requests of each client wait at this server; 64.
-        - `max_borrowed`: how many requests of each client the program may hold; 16.
+        - `max_borrowed`: how many requests of each client the program may hold; 16. Short ones do not count, as for
+          `subscriber`.
         - `max_len`: the longest request that is accepted; 1 GiB.
         - `sealed`, `inline_max`: as for `publisher`.
         """

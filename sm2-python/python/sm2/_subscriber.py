@@ -23,7 +23,8 @@ class Subscriber(Interface, Generic[T]):
             print(sample.publisher, sample.value)
 
     A message is borrowed until its sample and all views of it are gone. While the program holds `max_borrowed` messages
-    of a publisher, it gets no further ones of it: `BorrowLimitError`.
+    of a publisher, it gets no further ones of it: `BorrowLimitError`. Messages of up to 104 bytes usually are copies,
+    which are not borrowed.
     """
 
     def __init__(self, native: NativeSubscriber, type: MessageType[T]) -> None:
