@@ -50,6 +50,19 @@ fn take(mut pair: Box<RingPair>) -> (Delivery, Box<RingPair>) {
 }
 
 #[library_benchmark]
+#[bench::steady(RingPair::steady())]
+fn send_in_cell(mut pair: Box<RingPair>) -> Box<RingPair> {
+    pair.send_in_cell();
+    pair
+}
+
+#[library_benchmark]
+#[bench::steady(with_cell())]
+fn take_from_cell(mut pair: Box<RingPair>) -> (Delivery, Box<RingPair>) {
+    (pair.take(), pair)
+}
+
+#[library_benchmark]
 #[bench::steady(with_held())]
 fn give_back(mut pair: Box<RingPair>) -> Box<RingPair> {
     pair.give_back();
@@ -109,6 +122,12 @@ fn with_message() -> Box<RingPair> {
     pair
 }
 
+fn with_cell() -> Box<RingPair> {
+    let mut pair = RingPair::steady();
+    pair.send_in_cell();
+    pair
+}
+
 fn with_held() -> Box<RingPair> {
     let mut pair = with_message();
     pair.take();
@@ -121,7 +140,10 @@ fn with_given_back() -> Box<RingPair> {
     pair
 }
 
-library_benchmark_group!(name = ring, benchmarks = [send, take, give_back, harvest]);
+library_benchmark_group!(
+    name = ring,
+    benchmarks = [send, take, send_in_cell, take_from_cell, give_back, harvest]
+);
 library_benchmark_group!(
     name = decode,
     benchmarks = [decode_data, decode_for_manager, decode_for_node, parse_name]

@@ -45,6 +45,15 @@ fn ring(criterion: &mut Criterion) {
         };
         in_turns(bencher, TURN, pair, RingPair::send, RingPair::take, after);
     });
+    let cells = &mut *RingPair::steady();
+    group.bench_function("send_in_cell", |bencher| {
+        let after = |pair: &mut RingPair| drop(pair.take());
+        in_turns(bencher, TURN, cells, |_| (), RingPair::send_in_cell, after);
+    });
+    group.bench_function("take_from_cell", |bencher| {
+        let send = RingPair::send_in_cell;
+        in_turns(bencher, TURN, cells, send, RingPair::take, |_| ());
+    });
     group.bench_function("give_back", |bencher| {
         let before = |pair: &mut RingPair| {
             pair.send();

@@ -12,8 +12,8 @@ use sm2_proto::{
     control::{LinkPeer, ToManager, ToNode, encode_to_manager, encode_to_node},
     limits::SLOT_HEAD,
     link::{
-        At, Body, Delivery, LentRing, Link, OutboundMessage, RingLayout, RingMemory, SegmentInfo,
-        SlotRange, Status, Wake,
+        At, Body, CellMessage, Delivery, LentRing, Link, OutboundMessage, RingLayout, RingMemory,
+        SegmentInfo, SlotRange, Status, Wake,
         wire::{Carrier, Form, Frame, MessageFrame},
     },
     manager::{Input, Output},
@@ -45,6 +45,12 @@ impl FlatWords {
         let offset = self.layout.offset(at).expect("a word of the layout");
         &self.words[(offset / 8) as usize]
     }
+
+    fn cell(&self, index: u32, words: usize) -> &[AtomicU64] {
+        let offset = self.layout.offset(At::Forward(index));
+        let first = (offset.expect("a cell of the layout") / 8) as usize + 1;
+        &self.words[first..first + words]
+    }
 }
 
 impl RingMemory for FlatWords {
@@ -60,6 +66,19 @@ impl RingMemory for FlatWords {
         let word = self.word(at);
         word.compare_exchange(bits, 0, Ordering::AcqRel, Ordering::Relaxed)
             .is_ok()
+    }
+
+    fn write_cell(&self, index: u32, words: &[u64]) {
+        for (place, word) in self.cell(index, words.len()).iter().zip(words) {
+            place.store(*word, Ordering::Relaxed);
+        }
+    }
+
+    fn read_cell(&self, index: u32, words: &mut [u64]) {
+        let len = words.len();
+        for (word, place) in words.iter_mut().zip(self.cell(index, len)) {
+            *word = place.load(Ordering::Relaxed);
+        }
     }
 
     fn fence(&self) {
@@ -138,6 +157,25 @@ impl RingPair {
             },
         };
         let bell = self.sender.send(&self.words, message.clone(), |_, fate| {
+            panic!("{fate:?}, although there is room");
+        });
+        assert_eq!(
+            bell,
+            Ok(Wake::NotNeeded),
+            "there is room, and nobody sleeps"
+        );
+    }
+
+    /// Sends a message of 64 bytes in its cell. The receiver has taken the message one round before.
+    pub(crate) fn send_in_cell(&mut self) {
+        self.last_id += 1;
+        let message = CellMessage {
+            id: self.last_id,
+            time: Instant(0),
+            status: Status::Ok,
+            bytes: &[7; 64],
+        };
+        let bell = (self.sender).send_in_cell(&self.words, &message, |_, fate| {
             panic!("{fate:?}, although there is room");
         });
         assert_eq!(
