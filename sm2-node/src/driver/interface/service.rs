@@ -197,32 +197,33 @@ impl DeclaredInterface {
         is_wanted: impl FnOnce(&mut LinkDriver) -> bool,
     ) -> bool {
         let id = call.id;
-        let stored = match body {
+        let (stored, bytes) = match body {
             CallBody::Stored(forms) => {
                 let key = self.outbox.store(forms, Label { id, time, len });
-                Ok(key)
+                (Some(key), &[][..])
             }
-            CallBody::Cell(bytes) => Err(CellMessage {
-                id,
-                time,
-                status,
-                bytes,
-            }),
+            CallBody::Cell(bytes) => (None, bytes),
+        };
+        let in_cell = CellMessage {
+            id,
+            time,
+            status,
+            bytes,
         };
         let mut is_sent = false;
         if let Some(link) = self.links.get_mut(call.token) {
             is_sent = is_wanted(link);
-            match &stored {
+            match stored {
                 _ if !is_sent => {}
-                Ok(key) => link.send(*key, status, context, &mut self.outbox),
-                Err(message) => link.send_in_cell(message, context, &mut self.outbox),
+                Some(key) => link.send(key, status, context, &mut self.outbox),
+                None => link.send_in_cell(&in_cell, context, &mut self.outbox),
             }
             match link.is_settled() {
                 true => link.watch_in_background(context.sets),
                 false => self.settle_link(call.token, context),
             }
         }
-        if let Ok(key) = stored {
+        if let Some(key) = stored {
             self.outbox.release(key);
         }
         is_sent
