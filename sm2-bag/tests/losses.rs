@@ -4,6 +4,7 @@ use std::time::Duration;
 
 use sm2_bag::{Bag, GapReason, Options, Report, check};
 use sm2_node::Name;
+use sm2_proto::Instant;
 use sm2_proto::link::Fate;
 
 use crate::common::{Domain, named, record};
@@ -118,6 +119,41 @@ fn a_publisher_with_little_memory_is_named_as_the_limit_and_relieved() {
     let expected = (vec![GapReason::Unsent(Fate::PoolLimit)], published);
     assert_eq!(reasons_and_sum(&report), expected, "{report:?}");
     assert_eq!(Bag::open(&domain.path("bag")).unwrap().report(), report);
+}
+
+/// Messages that were displaced before do not hide them, also if the counters were not read for those.
+#[test]
+fn messages_that_a_publisher_with_little_memory_drops_at_the_end_are_counted() {
+    const LEN: usize = 100_000;
+    let domain = Domain::new();
+    let talker = domain.node("talker");
+    let data = talker.publisher_builder::<[u8]>("data");
+    let data = data.pool_limit(8 * LEN as u64).declare().unwrap();
+    let node = domain.node("recorder");
+    let options = Options {
+        // No time passes, so the counters are read for the first loss only.
+        monotonic_clock: || Instant(1),
+        ..Options::new(named(&["data"]))
+    };
+    let mut published = 0;
+    let report = record(&node, domain.create("bag"), options, |record_until| {
+        record_until(&mut |_| data.links().iter().any(|it| it.open));
+        let mut publish = |count: u64, len: usize| {
+            for _ in 0..count {
+                data.publish(&vec![1; len]).unwrap();
+            }
+            published += count;
+            published
+        };
+        for _ in 0..2 {
+            // More than wait for the recorder.
+            let count = publish(120, 10);
+            record_until(&mut |it| it.progress().messages + it.progress().lost == count);
+        }
+        publish(30, LEN);
+    });
+    let reasons = vec![GapReason::Displaced, GapReason::Unsent(Fate::PoolLimit)];
+    assert_eq!(reasons_and_sum(&report), (reasons, published), "{report:?}");
 }
 
 /// No later message shows that they are missing.

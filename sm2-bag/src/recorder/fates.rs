@@ -12,9 +12,21 @@ use crate::gap::GapReason;
 pub(super) struct Known {
     /// Messages that were not sent, by [`GapReason::unsent`].
     unsent: Counters,
+    /// Messages that were displaced on the link, or published while their publisher had no link. The number of the next
+    /// message shows that they are missing, and the recorder counts them then.
+    displaced: u64,
+    away: u64,
     /// Messages that were too old when the recorder would have taken them. The next message does not show that they
     /// are missing.
     expired_taken: u64,
+}
+
+/// What a look at a link has shown.
+pub(super) struct Look<Losses> {
+    /// Messages that were displaced, or published while their publisher had no link.
+    pub(super) displaced: u64,
+    /// The losses for other reasons.
+    pub(super) losses: Losses,
 }
 
 /// Messages that a link has lost since the last look.
@@ -27,15 +39,18 @@ pub(super) struct Loss {
 }
 
 impl Known {
-    /// Takes over the state of a link, and the fates of its messages if they are known. Returns the new losses.
+    /// Takes over the state of a link, and the fates of its messages if they are known. Returns what is new.
     pub(super) fn advance(
         &mut self,
         link: &LinkStatus,
         fates: Option<&Counters>,
-    ) -> impl Iterator<Item = Loss> + use<> {
+    ) -> Look<impl Iterator<Item = Loss> + use<>> {
         let mut now = *self;
         now.expired_taken = now.expired_taken.max(link.received.expired);
+        now.away = now.away.max(link.received.away);
         if let Some(fates) = fates {
+            let displaced = fates.overwritten.saturating_add(fates.discarded);
+            now.displaced = now.displaced.max(displaced);
             for fate in GapReason::unsent() {
                 let count = fates.of(fate);
                 // The publisher counts those that expired at either side together.
@@ -53,10 +68,14 @@ impl Known {
             messages: now.unsent.of(fate) - before.unsent.of(fate),
             is_shown: true,
         });
-        unsent.chain([Loss {
+        let expired = Loss {
             reason: GapReason::Unsent(Fate::Expired),
             messages: now.expired_taken - before.expired_taken,
             is_shown: false,
-        }])
+        };
+        Look {
+            displaced: (now.displaced - before.displaced).saturating_add(now.away - before.away),
+            losses: unsent.chain([expired]),
+        }
     }
 }

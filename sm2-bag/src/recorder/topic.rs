@@ -84,9 +84,13 @@ struct Publisher {
     gaps: Vec<Gap>,
     /// How many messages were counted as missing before a later message shows it.
     announced: u64,
-    /// How many messages were counted as displaced since the last look at the counters. Some of them may have another
-    /// reason.
+    /// How many messages were counted as displaced, as the numbers of later ones show, but for those whose other reason
+    /// a look at the counters has found.
+    shown: u64,
+    /// How many of them the last look does not explain, because they came later.
     unexplained: u64,
+    /// How many messages were displaced, as the counters tell. The number of no later message may have shown it yet.
+    displaced: u64,
 }
 
 impl Publisher {
@@ -97,8 +101,45 @@ impl Publisher {
             first_lost: None,
             gaps: Vec::new(),
             announced: 0,
+            shown: 0,
             unexplained: 0,
+            displaced: 0,
         }
+    }
+
+    /// Adds messages that a later one shows as missing. Returns the number of those that were not announced before,
+    /// which count as displaced. `is_explained`: the counters were read before.
+    fn show(&mut self, now_ns: u64, lost: u64, is_explained: bool) -> u64 {
+        let displaced = self.not_announced(lost);
+        self.shown += displaced;
+        if !is_explained {
+            self.unexplained += displaced;
+        }
+        self.lose(now_ns, displaced, GapReason::Displaced);
+        displaced
+    }
+
+    /// Whether it has this name and type.
+    fn is(&self, name: &Name, data: &TypeId) -> bool {
+        self.source.publisher == *name && self.source.data == *data
+    }
+
+    /// Has a new link. The counters of the one before have ended with it, and explain nothing any more.
+    fn begin_link(&mut self) {
+        self.shown = (self.shown).min(self.displaced.saturating_add(self.unexplained));
+    }
+
+    /// Of messages that were not sent for a reason that the counters tell, those that no later message has shown: they
+    /// are announced. The others were counted as displaced.
+    ///
+    /// Messages that were displaced explain themselves. Only if more were counted than the counters have can some of
+    /// the count have this other reason. Otherwise these messages are behind the last one, and nothing else would count
+    /// them if no other follows.
+    fn explain(&mut self, unsent: u64) -> u64 {
+        let counted = self.shown.saturating_sub(self.displaced).min(unsent);
+        self.shown -= counted;
+        self.announced += unsent - counted;
+        unsent - counted
     }
 
     /// Of messages that a later one shows as missing, those that were not announced before.
@@ -204,8 +245,7 @@ impl Topic {
 
     /// The place of the publisher of this name and type, which is added if it is new.
     fn number(&mut self, node: &Node, name: &Name, data: &TypeId) -> usize {
-        let is_it = |it: &Publisher| it.source.publisher == *name && it.source.data == *data;
-        match self.publishers.iter().position(is_it) {
+        match self.publishers.iter().position(|it| it.is(name, data)) {
             Some(number) => number,
             None => {
                 self.publishers.push(self.publisher(node, name, data));
@@ -227,13 +267,7 @@ impl Topic {
             return 0;
         };
         let number = self.number(node, sample.publisher(), data);
-        let publisher = &mut self.publishers[number];
-        let displaced = publisher.not_announced(sample.lost());
-        publisher.lose(now, displaced, GapReason::Displaced);
-        if !is_explained {
-            publisher.unexplained += displaced;
-        }
-        displaced
+        self.publishers[number].show(now, sample.lost(), is_explained)
     }
 
     /// Counts the messages that the links have lost since the last look. Returns the number of messages.
@@ -245,29 +279,38 @@ impl Topic {
     ) -> u64 {
         let links = self.subscriber.links();
         (self.losses.of_links).retain(|id, _| links.iter().any(|it| it.id == *id));
-        let mut lost = 0;
+        let mut losses = Vec::new();
         for link in links {
             let Contract::Publisher { data, .. } = &link.peer.contract else {
                 continue;
             };
-            let known = self.losses.of_links.entry(link.id).or_default();
-            for loss in known.advance(&link, fates(&link).as_ref()) {
-                if loss.messages == 0 {
-                    continue;
+            let known = self.losses.of_links.entry(link.id).or_insert_with(|| {
+                let its = |it: &&mut Publisher| it.is(&link.peer.name, data);
+                if let Some(publisher) = self.publishers.iter_mut().find(its) {
+                    publisher.begin_link();
                 }
-                self.losses.is_pool_short |= loss.reason == GapReason::Unsent(Fate::PoolLimit);
+                Known::default()
+            });
+            let look = known.advance(&link, fates(&link).as_ref());
+            let its: Vec<_> = look.losses.filter(|it| it.messages > 0).collect();
+            // A publisher that has left is forgotten, and its link has no more news.
+            if look.displaced > 0 || !its.is_empty() {
                 let number = self.number(node, &link.peer.name, data);
-                let publisher = &mut self.publishers[number];
-                let mut messages = loss.messages;
-                if loss.is_shown {
-                    let counted = publisher.unexplained.min(messages);
-                    publisher.unexplained -= counted;
-                    messages -= counted;
-                    publisher.announced += messages;
-                }
-                publisher.lose(now, messages, loss.reason);
-                lost += messages;
+                self.publishers[number].displaced += look.displaced;
+                losses.extend(its.into_iter().map(|it| (number, it)));
             }
+        }
+        let mut lost = 0;
+        // All links of a publisher have told what was displaced.
+        for (number, loss) in losses {
+            self.losses.is_pool_short |= loss.reason == GapReason::Unsent(Fate::PoolLimit);
+            let publisher = &mut self.publishers[number];
+            let messages = match loss.is_shown {
+                true => publisher.explain(loss.messages),
+                false => loss.messages,
+            };
+            publisher.lose(now, messages, loss.reason);
+            lost += messages;
         }
         self.publishers.iter_mut().for_each(|it| it.unexplained = 0);
         lost
@@ -381,10 +424,9 @@ fn offer_of(peer: &LinkPeer, name: &Name, data: &TypeId) -> Option<OfferedQos> {
 mod tests {
     use super::*;
 
-    #[test]
-    fn a_loss_that_was_announced_is_counted_once() {
+    fn publisher() -> Publisher {
         let name = |text| Name::new(text).unwrap();
-        let mut publisher = Publisher::new(Source {
+        Publisher::new(Source {
             topic: name("scan"),
             publisher: name("lidar"),
             data: TypeId {
@@ -393,10 +435,44 @@ mod tests {
             },
             offer: UNKNOWN_OFFER,
             schema: None,
-        });
+        })
+    }
+
+    #[test]
+    fn a_loss_that_was_announced_is_counted_once() {
+        let mut publisher = publisher();
         publisher.announced = 5;
         let displaced = [3, 1, 4, 2, 0].map(|lost| publisher.not_announced(lost));
         assert_eq!(displaced, [0, 0, 3, 2, 0]);
         assert_eq!(publisher.announced, 0);
+    }
+
+    #[test]
+    fn messages_count_as_displaced_and_as_not_sent_only_if_they_were_not_displaced() {
+        let mut publisher = publisher();
+        // All of them were displaced, so those that were not sent are behind the last message.
+        publisher.show(1, 10, false);
+        publisher.displaced += 10;
+        assert_eq!(publisher.explain(4), 4);
+        assert_eq!(publisher.show(2, 6, false), 2);
+        // One of these two was displaced.
+        publisher.displaced += 1;
+        assert_eq!(publisher.explain(3), 2);
+        assert_eq!(publisher.show(3, 2, false), 0);
+        // The counters have messages that no later one has shown.
+        publisher.displaced += 5;
+        assert_eq!(publisher.explain(3), 3);
+        assert_eq!(publisher.show(4, 8, false), 5);
+        assert_eq!(publisher.explain(1), 1);
+    }
+
+    #[test]
+    fn the_losses_of_a_link_before_do_not_hide_those_of_the_next_one() {
+        for (is_explained, expected) in [(true, 5), (false, 3)] {
+            let mut publisher = publisher();
+            publisher.show(1, 2, is_explained);
+            publisher.begin_link();
+            assert_eq!(publisher.explain(5), expected, "{is_explained}");
+        }
     }
 }
