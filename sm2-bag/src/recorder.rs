@@ -257,7 +257,7 @@ impl<'fd> Recorder<'fd> {
                     self.topics.iter_mut().for_each(Topic::look_for_link);
                     self.look_for_losses();
                     self.flush_gaps();
-                    self.forget_publishers();
+                    self.forget_publishers()?;
                     if std::mem::take(&mut self.is_short) {
                         self.wait_again()?;
                     }

@@ -4,7 +4,7 @@ use sm2_node::domain::Domain;
 use sm2_node::{ConnectError, DeclareError, Node};
 use sm2_proto::{Name, Quota};
 
-use super::topic::Topic;
+use super::topic::{Topic, Wait};
 use super::{DEPTH, Event, HELD_MAX, Recorder};
 use crate::error::RecordError;
 use crate::missing::MissingTopic;
@@ -85,16 +85,28 @@ impl<'fd> Recorder<'fd> {
     }
 
     /// Forgets publishers that have left, if some may have. Tells the writer about the latched ones.
-    pub(super) fn forget_publishers(&mut self) {
+    pub(super) fn forget_publishers(&mut self) -> Result<(), RecordError> {
         let Some(left) = self.looks_left.checked_sub(1) else {
-            return;
+            return Ok(());
         };
         self.looks_left = left;
-        for topic in &mut self.topics {
+        for number in 0..self.topics.len() {
+            if !self.topics[number].look_who_left() {
+                continue;
+            }
+            // The next poll takes the messages of the others.
+            if self.topics[number].wait != Wait::Poll {
+                self.receive(number)?;
+            }
+            let topic = &mut self.topics[number];
             for source in topic.take_left(&self.queue) {
                 self.queue.push(Item::Left(source));
             }
+            if topic.has_left() {
+                self.looks_left = self.looks_left.max(1);
+            }
         }
+        Ok(())
     }
 
     /// The domain as the recorder knows it.
@@ -186,5 +198,47 @@ mod tests {
             recorder.topics[0].publishers() == 0
         });
         assert_eq!(recorder.finish().unwrap().topics[0].messages, 20);
+    }
+
+    /// A message that waits shows losses that were counted before: they are counted once.
+    #[test]
+    fn a_publisher_that_has_left_is_known_until_its_messages_are_taken() {
+        let folder = tempfile::tempdir().unwrap();
+        let socket = folder.path().join("sock");
+        let _manager = Background::start(&socket, sm2_manager::Options::default()).unwrap();
+        let connect = |name: &str| Node::builder(name).socket(&socket).connect().unwrap();
+        let (node, shutdown) = (connect("recorder"), Shutdown::new().unwrap());
+        let file = File::create_new(folder.path().join("bag")).unwrap();
+        let name = Name::new("numbers").unwrap();
+        let options = Options {
+            reliable: [name.clone()].into(),
+            ..Options::new(Topics::Named([name].into()))
+        };
+        let mut recorder = Recorder::start(&node, file, options, shutdown.as_fd()).unwrap();
+        let publisher = connect("talker").publisher_builder::<u64>("numbers");
+        let publisher = publisher.reliable(true).publish_timeout(Duration::ZERO);
+        let publisher = publisher.declare().unwrap();
+        until("the recorder is linked", || {
+            recorder.step(Duration::from_millis(1)).unwrap();
+            publisher.links().iter().any(|it| it.open)
+        });
+        for number in 0..100 {
+            publisher.publish(&number).unwrap();
+        }
+        recorder.look_at_losses(|_| true);
+        let lost = recorder.progress().lost;
+        assert!(lost > 0);
+        assert_eq!(recorder.take(0, 1).unwrap(), 1);
+        publisher.publish(&100).unwrap();
+        drop(publisher);
+        until("the publisher has left", || {
+            let links = recorder.topics[0].subscriber.links();
+            links.iter().all(|it| !it.open)
+        });
+        recorder.looks_left = 1;
+        recorder.forget_publishers().unwrap();
+        assert_eq!(recorder.topics[0].publishers(), 1);
+        let topic = recorder.finish().unwrap().topics.remove(0);
+        assert_eq!((topic.lost, topic.messages + topic.lost), (lost, 101));
     }
 }

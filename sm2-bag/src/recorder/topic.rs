@@ -30,6 +30,8 @@ pub(super) struct Topic {
     /// When the recorder subscribed to it, in nanoseconds of the wall clock.
     pub(super) since_ns: u64,
     pub(super) losses: Losses,
+    /// How often a call found all messages that had come.
+    emptied: u64,
     /// Few, and most often one.
     publishers: Vec<Publisher>,
 }
@@ -91,6 +93,8 @@ struct Publisher {
     unexplained: u64,
     /// How many messages were displaced, as the counters tell. The number of no later message may have shown it yet.
     displaced: u64,
+    /// Since it has left: how often all messages of the topic had been found before. Some of its own may be left.
+    left: Option<u64>,
 }
 
 impl Publisher {
@@ -104,6 +108,7 @@ impl Publisher {
             shown: 0,
             unexplained: 0,
             displaced: 0,
+            left: None,
         }
     }
 
@@ -198,19 +203,21 @@ impl Topic {
             was_linked: false,
             since_ns,
             losses: Losses::default(),
+            emptied: 0,
             publishers: Vec::new(),
         }
     }
 
     /// Appends the messages that one call finds, at most `most`, to `samples`, which is empty. Returns their number.
     pub(super) fn take(
-        &self,
+        &mut self,
         samples: &mut Vec<Sample<[u8]>>,
         most: usize,
     ) -> Result<usize, RecvError> {
         match self.subscriber.try_recv_many(samples, most) {
+            Ok(_) => self.emptied += u64::from(samples.len() < most),
             // The writer gives back soon.
-            Ok(_) | Err(RecvError::TooManyBorrowed { .. }) => {}
+            Err(RecvError::TooManyBorrowed { .. }) => {}
             // The other publishers are recorded further on.
             Err(error @ RecvError::Map { .. }) => {
                 let topic = self.subscriber.topic();
@@ -379,18 +386,35 @@ impl Topic {
         self.publishers[taken.publisher].lose(taken.times.log_time, 1, reason);
     }
 
-    /// Forgets the publishers that have left. There may be very many of them, one after the other. Returns those that
-    /// are latched. One that comes back is described again, and sends its latched messages again.
-    pub(super) fn take_left(&mut self, queue: &Queue) -> Vec<Arc<Source>> {
+    /// Looks which publishers have left. Returns whether there is one.
+    pub(super) fn look_who_left(&mut self) -> bool {
         if self.publishers.is_empty() {
-            return Vec::new();
+            return false;
         }
         let links = self.subscriber.links();
-        let is_there = |source: &Source| {
-            let is_it = |it: &LinkPeer| offer_of(it, &source.publisher, &source.data).is_some();
-            links.iter().any(|it| it.open && is_it(&it.peer))
-        };
-        let left = self.publishers.extract_if(.., |it| !is_there(&it.source));
+        for it in &mut self.publishers {
+            let Source {
+                publisher, data, ..
+            } = &*it.source;
+            let mut open = links.iter().filter(|it| it.open);
+            let is_there = open.any(|it| offer_of(&it.peer, publisher, data).is_some());
+            it.left = (!is_there).then(|| it.left.unwrap_or(self.emptied));
+        }
+        self.has_left()
+    }
+
+    /// Whether a publisher is known that has left.
+    pub(super) fn has_left(&self) -> bool {
+        self.publishers.iter().any(|it| it.left.is_some())
+    }
+
+    /// Forgets the publishers that have left, if all of their messages were taken: until then, their numbers show
+    /// losses that may have been counted before. There may be very many publishers, one after the other. Returns those
+    /// that are latched. One that comes back is described again, and sends its latched messages again.
+    pub(super) fn take_left(&mut self, queue: &Queue) -> Vec<Arc<Source>> {
+        let emptied = self.emptied;
+        let is_over = |it: &mut Publisher| it.left.is_some_and(|left| left < emptied);
+        let left = self.publishers.extract_if(.., is_over);
         let flushed = left.map(|mut it| {
             it.flush_gaps(queue);
             it
