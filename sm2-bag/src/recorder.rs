@@ -9,6 +9,7 @@ mod options;
 mod parts;
 mod polled;
 mod polling;
+mod publisher;
 mod receiving;
 mod room;
 mod subscribing;
