@@ -21,7 +21,7 @@ pub(super) struct Known {
     expired_taken: u64,
 }
 
-/// What is new of a link since the last look.
+/// The news of a link since the last look.
 pub(super) struct Look<Losses> {
     /// Messages that were displaced, or published while their publisher had no link.
     pub(super) displaced: u64,
