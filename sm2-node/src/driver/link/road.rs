@@ -1,7 +1,7 @@
 //! One link on the road of a short message: see `interface/road.rs`.
 
 use sm2_proto::Instant;
-use sm2_proto::link::{CellMessage, Error, Fate, LaneKind, RingMessage, Status};
+use sm2_proto::link::{CellMessage, Error, Fate, LaneKind, RingMessage, Status, Wake};
 
 use super::LinkDriver;
 use super::wire::Wire;
@@ -39,14 +39,7 @@ impl LinkDriver {
         outbox.hold(key);
         let settled = |key, fate| outbox.settle(MessageKey::from_raw(key), fate);
         match self.machine.send_in_slot(&self.mapped, message, settled) {
-            Ok(wake) => {
-                self.wake(wake, context.sets);
-                self.drain_if_due(context.sets, outbox);
-                self.count_sent(time, message.len, context.now);
-                if self.wire.as_ref().is_some_and(Wire::wakes_background) {
-                    self.watch_in_background(context.sets);
-                }
-            }
+            Ok(wake) => self.sent_on_road(wake, (time, message.len), context, outbox),
             Err(error) => self.not_sent_on_road(&error, key, context, outbox),
         }
     }
@@ -69,12 +62,8 @@ impl LinkDriver {
         let settled = |key, fate| outbox.settle(MessageKey::from_raw(key), fate);
         match self.machine.send_in_cell(&self.mapped, message, settled) {
             Ok(wake) => {
-                self.wake(wake, context.sets);
-                self.drain_if_due(context.sets, outbox);
-                self.count_sent(message.time, message.bytes.len() as u64, context.now);
-                if self.wire.as_ref().is_some_and(Wire::wakes_background) {
-                    self.watch_in_background(context.sets);
-                }
+                let len = message.bytes.len() as u64;
+                self.sent_on_road(wake, (message.time, len), context, outbox);
             }
             // The outputs tell.
             Err(Error::Ended(_)) => self.drain_idle(context.sets, outbox),
@@ -82,6 +71,23 @@ impl LinkDriver {
                 debug_assert!(false, "the link takes cells: {misuse}");
                 self.drop_publication(Fate::NoRoom, context, outbox);
             }
+        }
+    }
+
+    /// Does the work that follows from a message of this time and length that is in the ring.
+    #[inline]
+    fn sent_on_road(
+        &mut self,
+        wake: Wake,
+        (time, len): (Instant, u64),
+        context: &mut Context<'_>,
+        outbox: &mut Outbox,
+    ) {
+        self.wake(wake, context.sets);
+        self.drain_if_due(context.sets, outbox);
+        self.count_sent(time, len, context.now);
+        if self.wire.as_ref().is_some_and(Wire::wakes_background) {
+            self.watch_in_background(context.sets);
         }
     }
 
