@@ -31,10 +31,7 @@ impl Link {
     ) -> Result<Wake, Error> {
         self.check_call(message.id)?;
         SendQueue::check(message)?;
-        match self.config.role {
-            Role::Server => self.served.reply(message.id),
-            _ => self.placed.place(message.id),
-        }
+        self.note_made_call(message.id);
         if let Lane::Ring(ring) = &mut self.lane {
             ring.queue.push(*message);
         }
@@ -71,12 +68,17 @@ impl Link {
         }
     }
 
-    /// Updates the calls for a request or a reply that was sent in a cell.
-    pub(super) fn note_sent_call(&mut self, id: u64) {
+    /// Updates the calls for a request or a reply that the application made.
+    fn note_made_call(&mut self, id: u64) {
         match self.config.role {
             Role::Server => self.served.reply(id),
             _ => self.placed.place(id),
         }
+    }
+
+    /// Updates the calls for a request or a reply that was sent in a cell.
+    pub(super) fn note_sent_call(&mut self, id: u64) {
+        self.note_made_call(id);
         note_sent(self.config.role, &mut self.placed, &mut self.served, id);
     }
 
