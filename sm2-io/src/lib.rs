@@ -19,6 +19,7 @@
 //! | [`epoll`] | [`Epoll`], [`wait_readable`], [`poll_now`]: waiting for descriptors |
 //! | [`waker`] | [`Waker`]: waking a loop from another thread |
 //! | [`latch`] | [`Latch`]: a signal that stays set |
+//! | [`reusable`] | [`Reusable`]: a value that is used again once its reader has dropped it |
 //! | [`timer`] | [`Timer`]: waking a loop at a given time |
 //! | [`clock`] | [`now`](clock::now) |
 //! | `prefetch` | memory that is about to be read or written |
@@ -48,6 +49,7 @@
 //! - `mapping::scratch`: slices over private memory.
 //! - `memfd::loan`: slices over a memfd that no other process has.
 //! - `memfd::segment`: slots, whose exclusive use the caller promises.
+//! - `reusable`: writing a value that nobody has borrowed.
 //! - `slots`: keeping that promise by ownership.
 #![deny(clippy::disallowed_types)]
 
@@ -65,6 +67,7 @@ pub mod epoll;
 pub mod fault;
 mod huge;
 pub mod latch;
+
 mod listener;
 mod log_level;
 pub mod mapping;
@@ -73,6 +76,7 @@ mod prefetch;
 mod process;
 #[cfg(feature = "quic")]
 pub mod quic;
+pub mod reusable;
 pub mod ring;
 #[cfg(feature = "tokio")]
 mod runtime;
@@ -97,6 +101,7 @@ pub use log_level::{WrongLogLevel, log_levels};
 pub use mapping::{PooledMapping, Scratch, SealedMapping};
 pub use memfd::{InspectedFd, Preallocated, SealedLoan, Segment, VerifyError};
 pub use process::{Maker, PeerProcess, ProcessFd, is_signal_ignored};
+pub use reusable::{InUse, Reusable};
 pub use ring::Ring;
 #[cfg(feature = "tokio")]
 pub use runtime::watch_readable;

@@ -4,8 +4,8 @@
 use std::fmt;
 use std::ops::Deref;
 use std::ptr::NonNull;
-use std::sync::Arc;
 
+use sm2_io::InUse;
 use sm2_io::mapping::{copy_from_range, copy_range, part_of};
 
 use crate::driver::CellCopy;
@@ -37,9 +37,9 @@ impl PooledBytes {
     ///
     /// # Safety
     ///
-    /// Before the result is dropped, a reference count of the copy is held.
+    /// The copy is held until the result is dropped.
     #[inline]
-    pub(crate) unsafe fn of_copy(copy: &Arc<CellCopy>) -> Self {
+    pub(crate) unsafe fn of_copy(copy: &InUse<CellCopy>) -> Self {
         Self(NonNull::from(&*copy.bytes))
     }
 

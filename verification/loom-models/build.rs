@@ -88,6 +88,30 @@ const WAIT: &[Change] = &[
     ),
 ];
 
+/// Faults of a value that is used again. `tests/reusable.rs` expects each to be found.
+const REUSABLE: &[Change] = &[
+    (
+        "lent_without_acquire",
+        "holders.load(Ordering::Acquire)",
+        "holders.load(Ordering::Relaxed)",
+    ),
+    (
+        "returned_without_release",
+        "fetch_sub(1, Ordering::Release)",
+        "fetch_sub(1, Ordering::Relaxed)",
+    ),
+    (
+        "lent_twice",
+        "if shared.holders.load(Ordering::Acquire) != 1 {",
+        "if false {",
+    ),
+    (
+        "freed_without_acquire",
+        "            fence(Ordering::Acquire);\n",
+        "",
+    ),
+];
+
 /// Faults of the words of a ring. `tests/ring.rs` expects each to be found.
 const RING: &[Change] = &[
     ("no_fence", "    fence(Ordering::SeqCst);\n", ""),
@@ -173,6 +197,7 @@ fn main() {
         SEQLOCK,
         &[],
     );
+    variants("reusable", &["sm2-io/src/reusable.rs"], &[], REUSABLE, &[]);
     let waiting = ["sleepers", "sleep", "wait", "bell", "watch"]
         .map(|it| format!("sm2-node/src/driver/{it}.rs"));
     let waiting = waiting.each_ref().map(String::as_str);

@@ -4,6 +4,7 @@ use std::fmt;
 use std::ops::Deref;
 use std::sync::{Arc, Weak};
 
+use sm2_io::InUse;
 use sm2_proto::control::LinkPeer;
 use sm2_proto::link::CellBytes;
 
@@ -40,7 +41,7 @@ pub(crate) struct CellCopy {
 pub(crate) enum Held {
     Link(Arc<Origin>),
     Segment(Arc<LinkSegment>),
-    Cell(Arc<CellCopy>),
+    Cell(InUse<CellCopy>),
 }
 
 impl Held {

@@ -2,6 +2,7 @@
 
 use std::sync::Arc;
 
+use sm2_io::{InUse, Reusable};
 use sm2_proto::link::CellView;
 
 use crate::driver::origin::{CellCopy, Origin};
@@ -15,7 +16,7 @@ const LOOKS: usize = 8;
 /// Copies of messages that are used again once the program has dropped their messages.
 #[derive(Debug, Default)]
 pub(super) struct Cells {
-    kept: Vec<Arc<CellCopy>>,
+    kept: Vec<Reusable<CellCopy>>,
     /// The copy after the one that was used last. Messages that are taken together are dropped in order.
     next: usize,
 }
@@ -23,35 +24,35 @@ pub(super) struct Cells {
 impl Cells {
     /// Copies a message of this link.
     #[inline]
-    pub(super) fn copy(&mut self, cell: CellView<'_>, origin: &Arc<Origin>) -> Arc<CellCopy> {
-        for _ in 0..LOOKS.min(self.kept.len()) {
+    pub(super) fn copy(&mut self, cell: CellView<'_>, origin: &Arc<Origin>) -> InUse<CellCopy> {
+        for _ in 0..LOOKS {
             let index = if self.next < self.kept.len() {
                 self.next
             } else {
                 0
             };
+            let Some(kept) = self.kept.get_mut(index) else {
+                break;
+            };
             self.next = index + 1;
-            if let Some(kept) = self.kept.get_mut(index)
-                && Arc::strong_count(kept) == 1
-                && let Some(copy) = Arc::get_mut(kept)
-            {
-                copy.bytes.fill(cell);
-                return Arc::clone(kept);
+            if let Some(lent) = kept.lend(|copy| copy.bytes.fill(cell)) {
+                return lent;
             }
         }
         self.copy_anew(cell, origin)
     }
 
     #[cold]
-    fn copy_anew(&mut self, cell: CellView<'_>, origin: &Arc<Origin>) -> Arc<CellCopy> {
-        let copy = Arc::new(CellCopy {
+    fn copy_anew(&mut self, cell: CellView<'_>, origin: &Arc<Origin>) -> InUse<CellCopy> {
+        let mut copy = Reusable::new(CellCopy {
             bytes: cell.to_bytes(),
             origin: Arc::clone(origin),
         });
+        let lent = copy.lend(|_| ()).expect("it was just made");
         if self.kept.len() < KEPT {
-            self.kept.push(Arc::clone(&copy));
+            self.kept.push(copy);
         }
-        copy
+        lent
     }
 }
 
@@ -74,7 +75,7 @@ mod tests {
         fn give_back(&self, _: LinkToken, _: u64) {}
     }
 
-    fn copy(cells: &mut Cells, byte: u8, origin: &Arc<Origin>) -> Arc<CellCopy> {
+    fn copy(cells: &mut Cells, byte: u8, origin: &Arc<Origin>) -> InUse<CellCopy> {
         let words = [u64::from_le_bytes([byte; 8]); 13];
         cells.copy(CellView::new(&words, 8), origin)
     }
@@ -104,13 +105,14 @@ mod tests {
         for (number, held) in held.iter().enumerate() {
             assert_eq!(held.bytes[..], [number as u8; 8]);
         }
-        let kept: HashSet<_> = cells.kept.iter().map(Arc::as_ptr).collect();
+        let address = |copy: &InUse<CellCopy>| copy.bytes.as_ptr() as usize;
+        let kept: HashSet<_> = held[..KEPT].iter().map(address).collect();
         // One message stays, and keeps its bytes.
         let stays = held.swap_remove(7);
         drop(held);
         for byte in 100..250 {
             let next = copy(&mut cells, byte, &origin);
-            assert!(kept.contains(&Arc::as_ptr(&next)) && !Arc::ptr_eq(&next, &stays));
+            assert!(kept.contains(&address(&next)) && address(&next) != address(&stays));
             assert_eq!(next.bytes[..], [byte; 8]);
             assert_eq!(stays.bytes[..], [7; 8]);
         }
