@@ -137,7 +137,9 @@ pub struct Entry {
     pub lost: u64,
     /// The fates of the messages on the sending side of a link. On the receiving side, the messages that have expired.
     pub fates: Counters,
-    /// The sum of the delays from publication to taking, on the receiving side.
+    /// The sum of the delays from publication to taking, on the receiving side. A program that takes messages in quick
+    /// succession, one in less than 2 us, reads the clock once for up to 16 of them. Their delays end with that
+    /// reading.
     pub delay_sum_ns: u64,
     /// The longest of these delays.
     pub delay_max_ns: u64,

@@ -21,7 +21,7 @@
 //! | `leftovers` | memory of messages that goes back to the system in parts |
 //! | `counters`, `status` | what tools and programs can read about interfaces and links |
 //! | `event_sets` | which descriptors wake calls, and which wake the background thread |
-//! | `wait`, `sleep`, `sleepers`, `next_words` | threads that wait without a lock |
+//! | `wait`, `paced_wait`, `pace`, `sleep`, `sleepers`, `next_words` | threads that wait without a lock |
 //! | `bell`, `control_bell`, `watch`, `undriven_control` | waiting in the loop of a program, and in a wait set |
 //! | `limits`, `limited_warning` | how much work one call does, how much is kept and logged |
 //!
@@ -51,6 +51,8 @@ mod link;
 mod next_words;
 mod origin;
 mod outbox;
+mod pace;
+mod paced_wait;
 mod qos_timer;
 mod questions;
 mod session;

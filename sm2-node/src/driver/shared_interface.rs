@@ -24,6 +24,7 @@ use super::limits::{ENDS, SOCKETS, SOCKETS_WAIT_NS, put_ends_last};
 use super::link::LinkDriver;
 use super::next_words::NextWords;
 use super::origin::GiveBack;
+use super::pace::Pace;
 use super::sleepers::Sleepers;
 use super::token::LinkToken;
 
@@ -65,7 +66,7 @@ pub(crate) struct InterfaceDriver {
     /// The time of the last drive.
     last_drive: Instant,
     /// The time when the current call began.
-    now: Instant,
+    pub(super) now: Instant,
     /// Whether the sockets were read when the current call entered.
     pub(crate) is_driven: bool,
     /// Whether a socket was ready in the last drive, but the kernel had no memory to use it. The socket is still
@@ -73,6 +74,8 @@ pub(crate) struct InterfaceDriver {
     pub(super) short_of_memory: bool,
     /// The warnings about a shortage of memory.
     shortages: LimitedWarning,
+    /// How fast the program takes messages.
+    pub(super) pace: Pace,
 }
 
 /// The locked interface. When this value is dropped, the lock is released, and then the control side handles the
@@ -120,6 +123,7 @@ impl SharedInterface {
                 is_driven: false,
                 short_of_memory: false,
                 shortages: LimitedWarning::default(),
+                pace: Pace::default(),
             }),
             sets,
             control,
@@ -160,7 +164,7 @@ impl SharedInterface {
 
     /// Begins a call, for [`enter`](Self::enter).
     #[inline]
-    fn begin<'a>(
+    pub(super) fn begin<'a>(
         &'a self,
         mut locked: LockedInterface<'a>,
         now: Instant,

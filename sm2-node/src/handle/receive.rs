@@ -50,7 +50,7 @@ impl Handle {
         self.check_shutdown(until)?;
         // Not a result of the closures, since each of them would copy the message.
         let mut taken = None;
-        let found = self.interface.wait_as(self.wait, until, |locked| {
+        let found = self.interface.wait_for_message(self.wait, until, |locked| {
             self.find_or_clear(locked, |locked| {
                 match locked.change(|interface, context| take(interface, &mut taken, context)) {
                     Ok(()) => taken.is_some().then_some(Ok(())),
