@@ -30,7 +30,8 @@ unsafe impl Sync for Region {}
 
 impl Region {
     const EMPTY: Self = Self {
-        start: NonNull::dangling(),
+        // Aligned for `words`.
+        start: NonNull::<AtomicU64>::dangling().cast(),
         len: 0,
         mapped: 0,
     };
@@ -130,15 +131,12 @@ impl Region {
     /// caller must not store: that would fault.
     #[inline]
     pub(super) fn words(&self) -> &[AtomicU64] {
-        if self.len == 0 {
-            return &[];
-        }
         let words = self.start.cast::<AtomicU64>();
-        // SAFETY: `mmap` returns a page-aligned address, and the pages stay mapped while `self` is
-        // borrowed. `AtomicU64` has the layout of `u64`, every bit pattern is valid, and it may change
-        // under a shared reference. The file cannot shrink under the region: the callers of `map` are
-        // `read_only::map` and `Ring::map`, which take a proof of that, and the makers of files that no
-        // other process has yet or that are sealed already.
+        // SAFETY: if the region is empty, the address is aligned, and no word is read. Otherwise, `mmap` returns a
+        // page-aligned address, and the pages stay mapped while `self` is borrowed. `AtomicU64` has the layout of
+        // `u64`, every bit pattern is valid, and it may change under a shared reference. The file cannot shrink under
+        // the region: the callers of `map` are `read_only::map` and `Ring::map`, which take a proof of that, and the
+        // makers of files that no other process has yet or that are sealed already.
         unsafe { std::slice::from_raw_parts(words.as_ptr(), self.len / 8) }
     }
 

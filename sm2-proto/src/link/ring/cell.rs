@@ -145,15 +145,8 @@ impl CellBytes {
     /// Replaces the bytes by those of another message.
     #[inline]
     pub fn fill(&mut self, cell: CellView<'_>) {
-        for (bytes, word) in self
-            .bytes
-            .as_chunks_mut::<8>()
-            .0
-            .iter_mut()
-            .zip(cell.payload)
-        {
-            *bytes = word.to_le_bytes();
-        }
+        let bytes = cell.payload.map(u64::to_le_bytes);
+        self.bytes.copy_from_slice(bytes.as_flattened());
         self.len = cell.len;
     }
 }
