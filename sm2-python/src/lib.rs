@@ -13,6 +13,11 @@
 
 #[allow(
     unsafe_code,
+    reason = "numpy's interface for C: functions and raw pointers"
+)]
+mod array;
+#[allow(
+    unsafe_code,
     reason = "the buffer protocol: raw pointers to and from Python"
 )]
 mod buffers;

@@ -7,13 +7,15 @@
 
 use std::sync::{Arc, Mutex, PoisonError};
 
+use pyo3::exceptions::PyValueError;
 use pyo3::intern;
 use pyo3::prelude::*;
 use pyo3::sync::PyOnceLock;
-use pyo3::types::{PyBytes, PyDict};
+use pyo3::types::{PyBytes, PyDict, PyInt, PyTuple};
 use self_cell::self_cell;
 use sm2_node::StoreError;
 
+use crate::array;
 use crate::detached::detached;
 use crate::errors::{self, LoanError, raise};
 use crate::handles::{Owned, PublisherHandle};
@@ -66,6 +68,51 @@ impl LoanMemory {
     }
 }
 
+/// The lengths of the dimensions of an array: a number, or a sequence of numbers.
+pub(crate) enum Shape {
+    Length([isize; 1]),
+    Lengths(Vec<isize>),
+}
+
+impl Shape {
+    pub(crate) fn lengths(&self) -> &[isize] {
+        match self {
+            Self::Length(length) => length,
+            Self::Lengths(lengths) => lengths,
+        }
+    }
+
+    /// The number of bytes of an array whose elements have `element_len` bytes.
+    ///
+    /// # Errors
+    ///
+    /// `ValueError` for a negative length, and for a number of bytes that no array can have.
+    pub(crate) fn len_bytes(&self, element_len: usize) -> PyResult<usize> {
+        let lengths = self.lengths();
+        let mut len = Some(element_len);
+        for length in lengths {
+            let length = usize::try_from(*length).map_err(|_| {
+                PyValueError::new_err(format!("the shape {lengths:?} has a negative length"))
+            })?;
+            len = len.and_then(|it| it.checked_mul(length));
+        }
+        len.filter(|it| isize::try_from(*it).is_ok())
+            .ok_or_else(|| PyValueError::new_err(format!("the shape {lengths:?} is too large")))
+    }
+}
+
+impl<'py> FromPyObject<'_, 'py> for Shape {
+    type Error = PyErr;
+
+    fn extract(object: Borrowed<'_, 'py, PyAny>) -> PyResult<Self> {
+        if object.is_instance_of::<PyInt>() {
+            return Ok(Self::Length([object.extract()?]));
+        }
+        let lengths = object.try_iter()?.map(|length| length?.extract());
+        Ok(Self::Lengths(lengths.collect::<PyResult<_>>()?))
+    }
+}
+
 /// A message that is written in a `with` block.
 #[pyclass(frozen, module = "sm2._native")]
 pub(crate) struct Loan {
@@ -78,15 +125,24 @@ impl Loan {
     pub(crate) fn new<'py>(
         py: Python<'py>,
         memory: LoanMemory,
-        shape: Bound<'py, PyAny>,
+        shape: &Shape,
         dtype: Bound<'py, PyAny>,
     ) -> PyResult<Self> {
-        let memory = Py::new(py, memory)?;
-        let make_array = NDARRAY.import(py, "numpy", "ndarray")?;
-        let array = make_array.call1((shape, dtype, &memory))?.unbind();
+        let memory = Bound::new(py, memory)?;
+        let of_bytes = match array::is_bytes(&dtype) {
+            true => LoanMemory::array(&memory, shape.lengths())?,
+            false => None,
+        };
+        let array = match of_bytes {
+            Some(array) => array,
+            None => {
+                let make_array = NDARRAY.import(py, "numpy", "ndarray")?;
+                make_array.call1((PyTuple::new(py, shape.lengths())?, dtype, &memory))?
+            }
+        };
         Ok(Self {
-            memory,
-            array: Mutex::new(Some(array)),
+            memory: memory.unbind(),
+            array: Mutex::new(Some(array.unbind())),
         })
     }
 

@@ -12,7 +12,7 @@ use crate::errors::{self, raise};
 use crate::handles::{Owned, PublisherHandle};
 use crate::input::Input;
 use crate::interface::interface_methods;
-use crate::loan::{Loan, LoanMemory};
+use crate::loan::{Loan, LoanMemory, Shape};
 use crate::options::{Seconds, time};
 use crate::wait::in_slices;
 
@@ -123,19 +123,20 @@ impl Publisher {
         Ok(published.map(Published::from))
     }
 
-    /// A loan of `len` bytes, the memory of an array of this shape and dtype.
+    /// A loan of the memory of an array of this shape and dtype, whose elements have `element_len` bytes.
     fn loan<'py>(
         &self,
         py: Python<'py>,
-        len: usize,
-        shape: Bound<'py, PyAny>,
+        shape: Shape,
         dtype: Bound<'py, PyAny>,
+        element_len: usize,
     ) -> PyResult<Loan> {
+        let len = shape.len_bytes(element_len)?;
         let handle = self.inner.get()?;
         // The first use of a slot takes long.
         let memory = detached(py, || LoanMemory::new(handle, len));
         let memory = memory.map_err(raise(errors::PublishError::new_err::<String>))?;
-        Loan::new(py, memory, shape, dtype)
+        Loan::new(py, memory, &shape, dtype)
     }
 
     fn wait_for_room(&self, py: Python<'_>, timeout: Option<Seconds>) -> PyResult<bool> {

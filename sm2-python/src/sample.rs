@@ -72,6 +72,30 @@ impl Drop for Sample {
     }
 }
 
+/// The base of an array of bytes: it counts as a view of its sample, as a `memoryview` does.
+#[pyclass(frozen, module = "sm2._native")]
+pub(crate) struct ArrayBase {
+    sample: Py<Sample>,
+}
+
+impl ArrayBase {
+    fn new(sample: Py<Sample>) -> Self {
+        sample.get().viewed();
+        Self { sample }
+    }
+
+    /// The memory of the message, which must not be written.
+    pub(crate) fn memory(&self) -> PyResult<Memory> {
+        self.sample.get().memory()
+    }
+}
+
+impl Drop for ArrayBase {
+    fn drop(&mut self) {
+        self.sample.get().unviewed();
+    }
+}
+
 #[pymethods]
 impl Sample {
     /// For type hints: `Sample[bytes]`.
@@ -135,12 +159,21 @@ impl Sample {
         shape: Option<Bound<'py, PyAny>>,
     ) -> PyResult<Bound<'py, PyAny>> {
         let py = slf.py();
-        let dtype = match dtype {
-            Some(dtype) => dtype,
-            None => UINT8.import(py, "numpy", "uint8")?.clone(),
+        let of_bytes = match &dtype {
+            None => ArrayBase::array(Bound::new(py, ArrayBase::new(slf.clone().unbind()))?)?,
+            Some(_) => None,
         };
-        let from_buffer = FROM_BUFFER.import(py, "numpy", "frombuffer")?;
-        let array = from_buffer.call1((&slf, dtype))?;
+        let array = match of_bytes {
+            Some(array) => array,
+            None => {
+                let dtype = match dtype {
+                    Some(dtype) => dtype,
+                    None => UINT8.import(py, "numpy", "uint8")?.clone(),
+                };
+                let from_buffer = FROM_BUFFER.import(py, "numpy", "frombuffer")?;
+                from_buffer.call1((slf, dtype))?
+            }
+        };
         match shape {
             Some(shape) => array.call_method1("reshape", (shape,)),
             None => Ok(array),

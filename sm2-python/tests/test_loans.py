@@ -193,5 +193,27 @@ def test_objects_and_other_dtypes_are_refused(node: sm2.Node) -> None:
             bad.loan(3, dtype)
     with pytest.raises(ValueError, match="negative"):
         frames.loan((3, -1))
+    with pytest.raises(ValueError, match="negative"):
+        frames.loan(-1)
+    with pytest.raises(ValueError, match="too large"):
+        frames.loan((2**40, 2**40))
+    with pytest.raises(TypeError):
+        frames.loan((2, "3"))  # type: ignore[arg-type]
     with frames.loan((2, 2), "i8") as frame:
         frame[:] = 1
+
+
+# numpy's interface for C makes arrays of bytes with few dimensions, and numpy's class the others.
+@pytest.mark.parametrize("shape", [(), 6, (6,), [2, 3], (2, 3), (0, 3), (1, 6, 1), (1,) * 8 + (6,)])
+@pytest.mark.parametrize("dtype", ["u1", "i1", "u2"])
+def test_a_loan_has_its_shape_and_dtype(node: sm2.Node, shape: Any, dtype: str) -> None:
+    publisher, subscriber = linked(node, "frames", bytes, {}, {})
+    expected = np.ndarray(shape, dtype, bytearray(64))
+    with publisher.loan(shape, dtype) as frame:
+        assert (frame.shape, frame.strides, frame.dtype) == (expected.shape, expected.strides, expected.dtype)
+        for flag in ["C_CONTIGUOUS", "F_CONTIGUOUS", "ALIGNED", "WRITEABLE"]:
+            assert frame.flags[flag] == expected.flags[flag], flag
+        assert not frame.flags.owndata
+        frame[...] = expected[...] = np.arange(expected.size).reshape(expected.shape)
+    assert frame.shape == (0,) and frame.dtype == expected.dtype
+    assert bytes(received(subscriber)) == expected.tobytes()

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable
 
 import numpy as np
-from helpers import SOON, Child, received
+import pytest
+from helpers import SOON, Child, linked, received
 
 import sm2
 
@@ -51,3 +52,24 @@ def test_a_frame_of_10_mb_is_a_view_of_shared_memory(
         assert np.all(image[1:] == number) and np.all(image[0, 1:] == number)
     del sample, image
     assert camera.wait() == (0, "done\n", "")
+
+
+def test_an_array_of_a_sample_stays_read_only_and_counts_as_a_view(node: sm2.Node) -> None:
+    publisher, subscriber = linked(node, "image", "u1", {}, {})
+    for count in [0, 3, 3000]:
+        publisher.publish(np.full(count, 7, "u1"))
+        sample = received(subscriber)
+        arrays = [sample.numpy(), sample.numpy("u1"), sample.numpy(shape=(-1, 1)), sample.numpy("u1", (count,))]
+        assert subscriber.held == (1, 4)
+        del sample
+        assert subscriber.held == (1, 4)
+        for array in arrays:
+            assert array.size == count and array.dtype == np.uint8 and np.all(array == 7)
+            assert array.flags.c_contiguous and array.flags.aligned and not array.flags.owndata
+            with pytest.raises(ValueError, match="WRITEABLE"):
+                array.flags.writeable = True
+            with pytest.raises(ValueError, match="read-only"):
+                array[:1] = 1
+        arrays.clear()
+        del array
+        assert subscriber.held == (0, 0)

@@ -9,7 +9,7 @@ import numpy as np
 import numpy.typing as npt
 
 from ._interface import Interface
-from ._types import Array, MessageType, Plain, T, Values, size_of
+from ._types import Array, MessageType, Plain, T, Values
 
 if TYPE_CHECKING:
     from ._native import Published
@@ -27,8 +27,10 @@ class Publisher(Interface, Generic[T]):
         super().__init__(native)
         self._native = native
         self.type = type
-        self._is_raw = type.schema is None
         self._dtype: np.dtype[Any] = getattr(type, "dtype", _BYTES)
+        lends = (type.schema is None or isinstance(type, Values)) and not self._dtype.hasobject
+        # The dtype of loans that need no check.
+        self._lent = self._dtype if lends else None
 
     @property
     def topic(self) -> str:
@@ -69,13 +71,13 @@ class Publisher(Interface, Generic[T]):
         shape, the array is one value.
         """
         lent = self._dtype if dtype is None else np.dtype(dtype)
-        lengths, len_bytes = size_of(() if shape is None else shape, lent)
-        if lent is not _BYTES or not self._is_raw:
+        lengths = () if shape is None else shape
+        if lent is not self._lent:
             self._check_loan(self.type, lent, lengths)
-        return self._native.loan(len_bytes, lengths, lent)
+        return self._native.loan(lengths, lent, lent.itemsize)
 
     @staticmethod
-    def _check_loan(data: MessageType[Any], lent: np.dtype[Any], shape: tuple[int, ...]) -> None:
+    def _check_loan(data: MessageType[Any], lent: np.dtype[Any], shape: int | tuple[int, ...]) -> None:
         if lent.hasobject:
             raise TypeError(f"the dtype {lent} holds references to Python objects, which no other process can use")
         is_raw = data.schema is None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, Generic, TypeVar, cast
 
@@ -268,11 +267,3 @@ def type_of(data: TypeLike) -> MessageType[Any]:
     if data is str:
         return TEXT
     return Values(cast(npt.DTypeLike, data))
-
-
-def size_of(shape: int | tuple[int, ...], dtype: np.dtype[Any]) -> tuple[tuple[int, ...], int]:
-    """The shape as a tuple, and the number of bytes of such an array."""
-    lengths = (shape,) if isinstance(shape, int) else tuple(shape)
-    if min(lengths, default=0) < 0:
-        raise ValueError(f"the shape {lengths} has a negative length")
-    return lengths, math.prod(lengths) * dtype.itemsize
