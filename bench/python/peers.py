@@ -1,8 +1,10 @@
 """The peers in Python. Each has what `role.py` uses:
 
-- `publisher(channel)` with `publish(length, write)`, where `write(address)` writes the message, and `matched()`;
-- `subscriber(channel, message)` with `pump(until_ns)`, which calls `message(address, length)` for each message until it
-  returns true.
+- `publisher(channel)` with `publish(length, write)`, where `write(place)` writes the message, and `matched()`;
+- `subscriber(channel, message)` with `pump(until_ns)`, which calls `message(place)` for each message until it returns
+  true.
+
+The place of a message is an object with the buffer protocol, or a pair of its address and length.
 
 Each is written as the documents of its middleware show, with shared memory where its Python has it.
 """
@@ -19,27 +21,11 @@ from typing import Any
 TIMEOUT_S = 20.0
 
 Channel = dict[str, Any]
-Write = Callable[[int], None]
-Handle = Callable[[int, int], bool]
+Place = Any
+Write = Callable[[Place], None]
+Handle = Callable[[Place], bool]
 
 now_ns = time.monotonic_ns
-
-
-class Buffer:
-    """Memory of this process in which messages are written."""
-
-    def __init__(self, length: int) -> None:
-        self.memory = bytearray(length)
-        self.address = ctypes.addressof((ctypes.c_char * length).from_buffer(self.memory))
-
-    def part(self, length: int) -> Any:
-        """The first bytes."""
-        return self.memory if length == len(self.memory) else memoryview(self.memory)[:length]
-
-
-def address_of(data: bytes) -> int:
-    """The address of the bytes."""
-    return ctypes.cast(ctypes.c_char_p(data), ctypes.c_void_p).value or 0
 
 
 class Sm2:
@@ -58,7 +44,7 @@ class Sm2:
         declared = self.node.publisher(
             channel["name"], bytes, keep_last=depth, reliable=True, publish_timeout=TIMEOUT_S
         )
-        buffer = Buffer(self.SHORT)
+        buffer = memoryview(bytearray(self.SHORT))
 
         class Publisher:
             """Copies short messages, and writes others in place."""
@@ -66,12 +52,13 @@ class Sm2:
             def publish(self, length: int, write: Write) -> None:
                 """Sends one message."""
                 if length <= Sm2.SHORT:
-                    write(buffer.address)
-                    if declared.publish(buffer.part(length)).missed:
+                    part = buffer[:length]
+                    write(part)
+                    if declared.publish(part).missed:
                         raise TimeoutError("a subscriber missed a message")
                     return
                 with declared.loan(length) as array:
-                    write(array.__array_interface__["data"][0])
+                    write(array)
 
             def matched(self) -> int:
                 """How many subscribers are linked."""
@@ -97,12 +84,11 @@ class Sm2:
 
             def pump(self, until_ns: int) -> None:
                 """Handles messages."""
-                while (left_ns := until_ns - now_ns()) > 0:
-                    sample = declared.recv(left_ns / 1e9)
-                    if sample is None:
-                        return
+                # One reading of the clock per call, as in `src/peers/sm2.rs`.
+                timeout = max(until_ns - now_ns(), 0) / 1e9
+                while (sample := declared.recv(timeout)) is not None:
                     array = sample.numpy()
-                    is_done = message(array.__array_interface__["data"][0], len(sample))
+                    is_done = message(array)
                     del sample, array
                     if is_done:
                         return
@@ -150,7 +136,7 @@ class Iceoryx2:
             def publish(self, length: int, write: Write) -> None:
                 """Sends one message."""
                 sample = made.loan_slice_uninit(length)
-                write(sample.payload_ptr)
+                write((sample.payload_ptr, length))
                 sample.assume_init().send()
                 notifier.notify()
 
@@ -181,8 +167,7 @@ class Iceoryx2:
                             return
                         listener.timed_wait(duration.from_nanos(left_ns))
                         continue
-                    length = sample.header.number_of_elements
-                    is_done = message(sample.payload_ptr, length)
+                    is_done = message((sample.payload_ptr, sample.header.number_of_elements))
                     sample.delete()
                     if is_done:
                         return
@@ -217,15 +202,16 @@ class Zenoh:
         session, topic = self.session, channel["name"]
         block = self.zenoh.CongestionControl.BLOCK
         declared = session.declare_publisher(topic, congestion_control=block)
-        buffer = Buffer(channel["max_len"])
+        buffer = memoryview(bytearray(channel["max_len"]))
 
         class Publisher:
             """Writes into memory of its own, which Zenoh copies."""
 
             def publish(self, length: int, write: Write) -> None:
                 """Sends one message."""
-                write(buffer.address)
-                declared.put(bytes(buffer.part(length)))
+                part = buffer[:length]
+                write(part)
+                declared.put(bytes(part))
 
             def matched(self) -> int:
                 """How many subscribers have a token."""
@@ -238,8 +224,7 @@ class Zenoh:
         is_done = threading.Event()
 
         def handle(sample: Any) -> None:
-            data = sample.payload.to_bytes()
-            if message(address_of(data), len(data)):
+            if message(sample.payload.to_bytes()):
                 is_done.set()
 
         declared = self.session.declare_subscriber(channel["name"], handle)
@@ -298,7 +283,7 @@ class Cyclone:
 
         topic, qos = self.entities(channel)
         writer = DataWriter(self.participant, topic, qos=qos)
-        buffer = Buffer(channel["max_len"])
+        buffer = memoryview(bytearray(channel["max_len"]))
         kind = topic.data_type
 
         class Publisher:
@@ -306,8 +291,9 @@ class Cyclone:
 
             def publish(self, length: int, write: Write) -> None:
                 """Sends one message."""
-                write(buffer.address)
-                writer.write(kind(data=bytes(buffer.part(length))))
+                part = buffer[:length]
+                write(part)
+                writer.write(kind(data=bytes(part)))
 
             def matched(self) -> int:
                 """How many subscribers are connected."""
@@ -334,7 +320,7 @@ class Cyclone:
                 while True:
                     for sample in reader.take(1):
                         data = bytes(sample.data) if hasattr(sample, "data") else b""
-                        if data and message(address_of(data), len(data)):
+                        if data and message(data):
                             return
                     left_ns = until_ns - now_ns()
                     if left_ns <= 0:

@@ -1,19 +1,20 @@
 """A process of a run in Python: `role.py JOB`. It does what `src/roles/` does, with the same jobs, events and payload.
 
-The environment variable `SM2_BENCH_PAYLOAD` names the library of `payload.rs`, which writes and checks the messages.
+The environment variable `SM2_BENCH_PAYLOAD` names the module of `payload.rs`, which writes and checks the messages.
 """
 
 from __future__ import annotations
 
-import ctypes
 import json
 import os
 import sys
 import threading
 import time
+from importlib.machinery import ExtensionFileLoader
+from importlib.util import module_from_spec, spec_from_file_location
 from typing import Any
 
-from peers import PEERS
+from peers import PEERS, Place
 
 #: The flag of messages that belong to the counted part of a run.
 COUNTED = 1
@@ -29,19 +30,20 @@ RETURN_NS = 1_000_000_000
 
 now_ns = time.monotonic_ns
 
-_library = ctypes.CDLL(os.environ["SM2_BENCH_PAYLOAD"])
-_u64 = ctypes.c_uint64
-_fill = _library.bench_fill
-_fill.argtypes = [ctypes.c_void_p, ctypes.c_size_t, _u64, _u64, _u64, _u64]
-_fill.restype = None
-_write = _library.bench_write
-_write.argtypes = [ctypes.c_void_p, ctypes.c_size_t, _u64, _u64, ctypes.c_bool]
-_write.restype = None
-_read = _library.bench_read
-_read.argtypes = [ctypes.c_void_p, ctypes.c_size_t, ctypes.c_bool, ctypes.c_void_p]
-_read.restype = None
-_found = (_u64 * 6)()
-_found_address = ctypes.addressof(_found)
+
+def payload() -> Any:
+    """The module of `payload.rs`."""
+    path = os.environ["SM2_BENCH_PAYLOAD"]
+    spec = spec_from_file_location("libpayload", path, loader=ExtensionFileLoader("libpayload", path))
+    assert spec is not None and spec.loader is not None
+    module = module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+_payload = payload()
+#: One call per message, so that the processes measure their middleware.
+write, write_stamped, read = _payload.write, _payload.write_stamped, _payload.read
 
 go, stop, end = threading.Event(), threading.Event(), threading.Event()
 
@@ -57,20 +59,6 @@ def listen() -> None:
 def send(event: Any) -> None:
     """Sends a line to the director."""
     print(json.dumps(event), flush=True)
-
-
-def stamp(address: int) -> None:
-    """Sets the time of handing over in a written message."""
-    _u64.from_address(address + 24).value = now_ns()
-
-
-def read(address: int, length: int, full: bool) -> list[int]:
-    """The number, the flags, and the two times of a message, the time when it was in hand, and whether it is torn.
-
-    One call of the library per message, so that the processes measure their middleware, and not `ctypes`.
-    """
-    _read(address, length, full, _found_address)
-    return _found[:]
 
 
 def spread(values: list[int]) -> dict[str, float]:
@@ -118,7 +106,7 @@ class Source:
         number = self.number
         self.number += 1
         length, stamped = self.length, self.stamped
-        self.publisher.publish(length, lambda address: _write(address, length, number, flags, stamped))
+        self.publisher.publish(length, lambda place: write_stamped(place, number, flags, stamped))
 
 
 def wait_matched(publisher: Any, count: int) -> None:
@@ -159,9 +147,9 @@ class Counter:
         self.latencies: list[int] = []
         self.handovers: list[int] = []
 
-    def message(self, address: int, length: int) -> bool:
+    def message(self, place: Place) -> bool:
         """Handles one message. Returns whether the caller is to return."""
-        number, flags, start, handed, in_hand_ns, torn = read(address, length, self.full)
+        number, flags, start, handed, in_hand_ns, torn = read(place, self.full)
         if torn:
             self.torn += 1
         elif number <= self.last:
@@ -220,9 +208,9 @@ class Ping:
         self.publisher = peer.publisher(channel("bench/ping", trips))
         self.subscriber: Any = None
 
-    def message(self, address: int, length: int) -> bool:
+    def message(self, place: Place) -> bool:
         """Handles a message that comes back."""
-        number, _, _, handed, in_hand_ns, torn = read(address, length, self.full)
+        number, _, _, handed, in_hand_ns, torn = read(place, self.full)
         if torn:
             self.torn += 1
         if handed:
@@ -238,7 +226,7 @@ class Ping:
         self.expected = number = self.number
         length = self.trips["len"]
         sent_ns = now_ns()
-        self.publisher.publish(length, lambda address: _fill(address, length, number, 0, int(stamped), 0))
+        self.publisher.publish(length, lambda place: write(place, number, 0, int(stamped), False))
         while True:
             self.subscriber.pump(sent_ns + RETURN_NS)
             now = now_ns()
@@ -298,17 +286,11 @@ def echo(open_peer: Any, trips: dict[str, Any]) -> Any:
     length, full = trips["len"], trips["read"] == "full"
     torn = 0
 
-    def message(address: int, received: int) -> bool:
+    def message(place: Place) -> bool:
         nonlocal torn
-        number, flags, stamped, _, _, is_torn = read(address, received, full)
+        number, flags, stamped, _, _, is_torn = read(place, full)
         torn += is_torn
-
-        def write(answer: int) -> None:
-            _fill(answer, length, number, flags, 0, 0)
-            if stamped:
-                stamp(answer)
-
-        publisher.publish(length, write)
+        publisher.publish(length, lambda answer: write(answer, number, flags, 0, stamped != 0))
         return False
 
     subscriber = peer.subscriber(channel("bench/ping", trips), message)
