@@ -1,7 +1,8 @@
 //! The payload of messages for the processes in Python, which check it by the same code as all others.
 //!
-//! It is an extension module: a message costs one call, as in a program that hands an array to OpenCV. `ctypes`, and the
-//! dictionary from which it gets the address of an array, would take longer than the middleware.
+//! It is an extension module: a message costs one call, as in a program that hands an array to OpenCV. `ctypes` needs
+//! the address of an array, and numpy puts it into a dictionary: both would take longer than the middleware. The calls
+//! keep the GIL, because no other thread of the processes has work meanwhile.
 
 #[path = "../src/clock.rs"]
 #[allow(dead_code, reason = "the processes in Python sleep by themselves")]
@@ -26,7 +27,6 @@ mod libpayload {
 /// Writes a message. `handed` sets the time after the writing in its header.
 #[pyfunction]
 fn write(
-    py: Python<'_>,
     mut message: Place<true>,
     number: u64,
     flags: u64,
@@ -34,42 +34,30 @@ fn write(
     handed: bool,
 ) -> PyResult<()> {
     let message = message.bytes_mut()?;
-    py.detach(|| {
-        let header = Header {
-            number,
-            flags,
-            start_ns,
-            handed_ns: 0,
-        };
-        fill(header, message);
-        if handed {
-            stamp(message, now_ns());
-        }
-    });
+    let header = Header {
+        number,
+        flags,
+        start_ns,
+        handed_ns: 0,
+    };
+    fill(header, message);
+    if handed {
+        stamp(message, now_ns());
+    }
     Ok(())
 }
 
 /// Writes a message with the times before and after the writing, if it is stamped.
 #[pyfunction]
-fn write_stamped(
-    py: Python<'_>,
-    message: Place<true>,
-    number: u64,
-    flags: u64,
-    stamped: bool,
-) -> PyResult<()> {
+fn write_stamped(message: Place<true>, number: u64, flags: u64, stamped: bool) -> PyResult<()> {
     let start_ns = if stamped { now_ns() } else { 0 };
-    write(py, message, number, flags, start_ns, stamped)
+    write(message, number, flags, start_ns, stamped)
 }
 
 /// The number, the flags and the two times of a message, the time of the call if it is stamped, and whether `full` and
 /// one of its bytes is not what was written.
 #[pyfunction]
-fn read(
-    py: Python<'_>,
-    message: Place<false>,
-    full: bool,
-) -> PyResult<(u64, u64, u64, u64, u64, bool)> {
+fn read(message: Place<false>, full: bool) -> PyResult<(u64, u64, u64, u64, u64, bool)> {
     let message = message.bytes()?;
     let Header {
         number,
@@ -81,7 +69,7 @@ fn read(
         (0, 0) => 0,
         _ => now_ns(),
     };
-    let torn = full && py.detach(|| check(message).is_err());
+    let torn = full && check(message).is_err();
     Ok((number, flags, start_ns, handed_ns, in_hand_ns, torn))
 }
 
