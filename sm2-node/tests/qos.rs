@@ -3,7 +3,9 @@
 use std::thread;
 use std::time::{Duration, Instant};
 
-use crate::common::{Domain, SOON, default_pair, meet, next, pair, pattern, ring_lane, until};
+use crate::common::{
+    Domain, LANES, SOON, default_pair, meet, next, pair, pattern, ring_lane, until,
+};
 use sm2_io::fault::{Call, Injector};
 use sm2_node::{Node, RecvError, Sample, Subscriber};
 
@@ -141,6 +143,30 @@ fn a_subscriber_that_never_reads_costs_only_itself_and_every_loss_is_counted() {
         last == rounds
     });
     assert_eq!(asleep.lost() + seen, rounds);
+}
+
+/// In a ring, the publisher displaces them, and counts alone.
+//= SM2-QOS-001 test
+#[test]
+fn a_subscriber_counts_what_it_displaces_itself() {
+    let displaced = 8;
+    for ring in LANES {
+        let domain = Domain::new();
+        let publisher = domain.node_on(ring, "talker").publisher::<u64>("topic");
+        let publisher = publisher.unwrap();
+        let listener = domain.builder("listener").ring_lane(ring);
+        let listener = listener.background(false).connect().unwrap();
+        let builder = listener.subscriber_builder::<u64>("topic").depth(1);
+        let subscriber = builder.max_borrowed(8).declare().unwrap();
+        meet(&publisher, &[&subscriber]);
+        for number in 0..=displaced {
+            publisher.publish(&number).unwrap();
+        }
+        assert_eq!(*next(&subscriber), displaced, "ring: {ring}");
+        until(|| publisher.counters().discarded == displaced);
+        let counted = subscriber.links()[0].received.discarded;
+        assert_eq!(counted, if ring { 0 } else { displaced }, "ring: {ring}");
+    }
 }
 
 //= SM2-QOS-002 test

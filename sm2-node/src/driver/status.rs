@@ -50,6 +50,9 @@ pub struct Received {
     pub bytes: u64,
     /// Messages that were lost on the link before the messages that the program took.
     pub lost: u64,
+    /// Messages that later ones displaced on this side before the program took them (SM2-QOS-001). In a ring, the
+    /// publisher displaces them, and counts them alone.
+    pub discarded: u64,
     /// Messages that were published while the publisher had no link with this subscriber, before this link
     /// (SM2-QOS-013). They are not in `lost`.
     pub away: u64,

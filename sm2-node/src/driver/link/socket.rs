@@ -196,6 +196,7 @@ impl LinkDriver {
                     }
                 }
                 Output::Discard { sequence } => {
+                    self.received.discarded += 1;
                     self.kept.remove(&sequence);
                 }
                 Output::Settled { key, fate } => outbox.settle(MessageKey::from_raw(key), fate),
