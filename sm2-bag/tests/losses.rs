@@ -156,6 +156,41 @@ fn messages_that_a_publisher_with_little_memory_drops_at_the_end_are_counted() {
     assert_eq!(reasons_and_sum(&report), (reasons, published), "{report:?}");
 }
 
+/// Messages that were displaced and that are shown later do not hide them, where the publisher displaces (in a ring)
+/// and where the recorder does: the socket lane carries sealed messages.
+#[test]
+fn messages_that_a_publisher_drops_behind_displaced_ones_are_counted() {
+    const LEN: usize = 100_000;
+    for sealed in [false, true] {
+        let domain = Domain::new();
+        let talker = domain.node("talker");
+        let data = talker.publisher_builder::<[u8]>("data").sealed(sealed);
+        // The first long message is half of the memory.
+        let data = data.pool_limit(2 * LEN as u64).declare().unwrap();
+        let node = domain.node("recorder");
+        let options = Options::new(named(&["data"]));
+        // More than wait for the recorder, and more than the publisher keeps for it.
+        let (short, long) = (200, 30);
+        let report = record(&node, domain.create("bag"), options, |record_until| {
+            record_until(&mut |_| data.links().iter().any(|it| it.open));
+            assert_eq!(data.links()[0].ring, !sealed);
+            for _ in 0..short {
+                data.publish(&[1; 10]).unwrap();
+            }
+            for _ in 0..long {
+                data.publish(&[2; LEN]).unwrap();
+            }
+            record_until(&mut |it| it.progress().messages + it.progress().lost == short + long);
+        });
+        assert!(lost(&report, GapReason::Displaced) > 0, "{report:?}");
+        let expected = (
+            vec![GapReason::Displaced, GapReason::Unsent(Fate::PoolLimit)],
+            short + long,
+        );
+        assert_eq!(reasons_and_sum(&report), expected, "{report:?}");
+    }
+}
+
 /// No later message shows that they are missing.
 #[test]
 fn messages_that_the_recorder_takes_too_late_have_expired() {

@@ -2,7 +2,7 @@
 
 use std::mem;
 
-use sm2_node::diagnostics::{Counters, LinkStatus};
+use sm2_node::diagnostics::{Counters, Received};
 use sm2_proto::link::Fate;
 
 use crate::gap::GapReason;
@@ -12,9 +12,11 @@ use crate::gap::GapReason;
 pub(super) struct Known {
     /// Messages that were not sent, by [`GapReason::unsent`].
     unsent: Counters,
-    /// Messages that were displaced on the link, or published while their publisher had no link. The number of the next
-    /// message shows that they are missing, and the recorder counts them then.
-    displaced: u64,
+    /// Messages that were displaced at the publisher, those that were displaced at the recorder, and those that were
+    /// published while their publisher had no link. The number of the next message shows that they are missing, and the
+    /// recorder counts them then.
+    overwritten: u64,
+    discarded: u64,
     away: u64,
     /// Messages that were too old when the recorder would have taken them. The next message does not show that they
     /// are missing.
@@ -39,18 +41,21 @@ pub(super) struct Loss {
 }
 
 impl Known {
-    /// Takes over the state of a link, and the fates of its messages if they are known. Returns what is new.
+    /// Takes over what the recorder has received on a link, and the fates of its messages if they are known. Returns
+    /// what is new.
     pub(super) fn advance(
         &mut self,
-        link: &LinkStatus,
+        received: &Received,
         fates: Option<&Counters>,
     ) -> Look<impl Iterator<Item = Loss> + use<>> {
         let mut now = *self;
-        now.expired_taken = now.expired_taken.max(link.received.expired);
-        now.away = now.away.max(link.received.away);
+        now.expired_taken = now.expired_taken.max(received.expired);
+        now.away = now.away.max(received.away);
+        // On the socket lane, the publisher learns it later, and only if it calls its node.
+        now.discarded = now.discarded.max(received.discarded);
         if let Some(fates) = fates {
-            let displaced = fates.overwritten.saturating_add(fates.discarded);
-            now.displaced = now.displaced.max(displaced);
+            now.overwritten = now.overwritten.max(fates.overwritten);
+            now.discarded = now.discarded.max(fates.discarded);
             for fate in GapReason::unsent() {
                 let count = fates.of(fate);
                 // The publisher counts those that expired at either side together.
@@ -73,9 +78,40 @@ impl Known {
             messages: now.expired_taken - before.expired_taken,
             is_shown: false,
         };
+        let displaced = [
+            now.overwritten - before.overwritten,
+            now.discarded - before.discarded,
+            now.away - before.away,
+        ];
         Look {
-            displaced: (now.displaced - before.displaced).saturating_add(now.away - before.away),
+            displaced: displaced.into_iter().fold(0, u64::saturating_add),
             losses: unsent.chain([expired]),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn messages_that_either_side_displaced_are_counted_once() {
+        let mut known = Known::default();
+        // Messages that the recorder displaced, those of them that the publisher knows, and those that it displaced.
+        for (here, there, overwritten, expected) in
+            [(5, 0, 0, 5), (5, 3, 2, 2), (5, 5, 2, 0), (5, 7, 2, 2)]
+        {
+            let received = Received {
+                discarded: here,
+                ..Received::default()
+            };
+            let fates = Counters {
+                discarded: there,
+                overwritten,
+                ..Counters::default()
+            };
+            let look = known.advance(&received, Some(&fates));
+            assert_eq!(look.displaced, expected, "{here} {there} {overwritten}");
         }
     }
 }

@@ -11,7 +11,7 @@ use sm2_proto::control::LinkPeer;
 use sm2_proto::link::Fate;
 use sm2_proto::{Instant, LinkId, Name, OfferedQos, Period, TypeId};
 
-use super::fates::Known;
+use super::fates::{Known, Loss};
 use super::publisher::Publisher;
 use crate::clock::ClockRelation;
 use crate::gap::GapReason;
@@ -195,27 +195,41 @@ impl Topic {
                 }
                 Known::default()
             });
-            let look = known.advance(&link, fates(&link).as_ref());
+            let look = known.advance(&link.received, fates(&link).as_ref());
             let its: Vec<_> = look.losses.filter(|it| it.messages > 0).collect();
             // A publisher that has left is forgotten, and its link has no more news.
             if look.displaced > 0 || !its.is_empty() {
                 let number = self.number(node, &link.peer.name, data);
-                self.publishers[number].displaced += look.displaced;
+                self.publishers[number].displace(look.displaced);
                 losses.extend(its.into_iter().map(|it| (number, it)));
             }
         }
         let mut lost = 0;
         // All links of a publisher have told what was displaced.
-        for (number, loss) in losses {
-            self.losses.is_pool_short |= loss.reason == GapReason::Unsent(Fate::PoolLimit);
+        for (
+            number,
+            Loss {
+                reason,
+                messages,
+                is_shown,
+            },
+        ) in losses
+        {
+            self.losses.is_pool_short |= reason == GapReason::Unsent(Fate::PoolLimit);
             let publisher = &mut self.publishers[number];
-            let messages = match loss.is_shown {
-                true => publisher.explain(loss.messages),
-                false => loss.messages,
+            lost += match is_shown {
+                true => publisher.explain(now, messages, reason),
+                false => {
+                    publisher.lose(now, messages, reason);
+                    messages
+                }
             };
-            publisher.lose(now, messages, loss.reason);
-            lost += messages;
         }
+        lost += self
+            .publishers
+            .iter_mut()
+            .map(|it| it.count(now))
+            .sum::<u64>();
         self.publishers.iter_mut().for_each(|it| it.unexplained = 0);
         lost
     }
