@@ -43,6 +43,7 @@ struct Talker {
     node: String,
     latched: usize,
     has_lifespan: bool,
+    is_sealed: bool,
 }
 
 /// The publishers of a run.
@@ -107,6 +108,9 @@ impl Talkers {
         builder = builder.reliable(is_reliable).latched(latched);
         builder = builder.publish_timeout(Duration::ZERO);
         builder = builder.depth(random.pick(&[1, 8, 64]));
+        // Sealed messages are on the socket lane.
+        let is_sealed = random.one_in(4);
+        builder = builder.sealed(is_sealed);
         if random.one_in(4) {
             builder = builder.pool_limit(SMALL_POOL);
         }
@@ -125,6 +129,7 @@ impl Talkers {
             node,
             latched: latched.into(),
             has_lifespan,
+            is_sealed,
         });
         // A latched publisher has messages before its first link; the newest ones come late.
         if random.one_in(2) {
@@ -186,6 +191,7 @@ impl Talkers {
             publisher,
             node,
             has_lifespan,
+            is_sealed,
             ..
         } = self.talkers.remove(at);
         let counters = publisher.counters();
@@ -195,6 +201,10 @@ impl Talkers {
             true => u64::from(u32::MAX),
             false => counters.pool_limit + counters.no_room,
         };
+        if is_sealed {
+            // On the socket lane, messages wait at the publisher, and displace each other there.
+            account.unsaid += counters.in_flight + counters.overwritten;
+        }
     }
 
     /// The recording has ended. A publisher does not know yet which of its messages the recorder found too old, so its
@@ -203,6 +213,12 @@ impl Talkers {
         for it in self.talkers.iter().filter(|it| it.has_lifespan) {
             let account = self.accounts.get_mut(&it.node).unwrap();
             account.unsaid = it.publisher.counters().expired;
+        }
+        // On the socket lane, a message that waited at the publisher was not sent before the recorder ended.
+        for it in self.talkers.iter().filter(|it| it.is_sealed) {
+            let counters = it.publisher.counters();
+            let account = self.accounts.get_mut(&it.node).unwrap();
+            account.unsaid += counters.in_flight + counters.closed;
         }
     }
 }
