@@ -9,7 +9,7 @@ use std::sync::Arc;
 use mcap::records::{ChunkIndex, Metadata, MetadataIndex, op};
 use mcap::{Channel, MAGIC, McapError, McapResult, Summary};
 
-use crate::chunk::{RawRecord, RecordReader};
+use crate::chunk::{RawRecord, RecordReader, ends_in_order};
 use crate::clock::ClockRelation;
 use crate::content::Entry;
 use crate::damaged::DamagedPart;
@@ -107,10 +107,10 @@ impl Bag {
         let mut metadata = Vec::new();
         for index in &summary.metadata_indexes {
             // A place that holds something else makes the summary worthless.
-            let Ok(Some(record)) = read_metadata(file, index, end) else {
-                return Ok(None);
-            };
-            metadata.push(record);
+            match read_metadata(file, index, end) {
+                Ok(Some(record)) if record.name == index.name => metadata.push(record),
+                _ => return Ok(None),
+            }
         }
         let named = metadata.iter().filter(|it| it.name == Counts::RECORD);
         let mut counts: BTreeMap<_, _> = named
@@ -157,13 +157,14 @@ impl Bag {
 
     /// The bag with these records.
     pub(crate) fn of_scan(path: &Path, file: File, end: u64, scan: Scan) -> Self {
-        let complete = scan.torn.is_none() && end_is_magic(&file, end);
+        let complete = scan.torn.is_none() && ends_in_order(&file, end);
         Self::new(path, file, scan, complete)
     }
 
     fn new(path: &Path, file: File, scan: Scan, complete: bool) -> Self {
         // A recorder that is still there completes the file.
         let is_being_written = !complete && is_being_written(&file);
+        let damaged = scan.damaged().cloned().collect();
         let named = |name| {
             let records = scan.metadata.iter().filter(move |it| it.name == name);
             records.map(|it| &it.metadata)
@@ -194,7 +195,7 @@ impl Bag {
             metadata: scan.metadata,
             runs: scan.runs,
             attachments: scan.attachments,
-            damaged: scan.damaged,
+            damaged,
             summary: scan.summary,
             counts: scan.counts,
             lacks_bytes: false,
@@ -320,7 +321,8 @@ impl Bag {
     }
 
     /// The gaps that damaged parts leave: one for each channel with fewer messages that could be `read` than the
-    /// summary counts. Their times are those of the damaged chunks.
+    /// summary counts. Their times are those of the damaged chunks, or of the bag if no damaged part begins before a
+    /// chunk that it has.
     pub(crate) fn gaps_of(
         &self,
         parts: &[DamagedPart],
@@ -330,7 +332,8 @@ impl Bag {
             |it: &&ChunkIndex| parts.iter().any(|part| part.has(it.chunk_start_offset));
         let chunks = self.summary.chunk_indexes.iter().filter(is_damaged);
         let times = chunks.map(|it| (it.message_start_time, it.message_end_time));
-        let Some((from_ns, to_ns)) = times.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1))) else {
+        let times = times.reduce(|a, b| (a.0.min(b.0), a.1.max(b.1)));
+        let Some((from_ns, to_ns)) = times.or(self.times) else {
             return Vec::new();
         };
         let gap = |channel: &Channel<'_>| {
@@ -436,10 +439,4 @@ fn read_metadata(file: &File, index: &MetadataIndex, end: u64) -> McapResult<Opt
         Ok(())
     })?;
     Ok(found)
-}
-
-fn end_is_magic(file: &File, end: u64) -> bool {
-    let mut magic = [0; MAGIC.len()];
-    let at = end.saturating_sub(MAGIC.len() as u64);
-    file.read_exact_at(&mut magic, at).is_ok() && magic == MAGIC
 }

@@ -14,7 +14,7 @@ use std::os::unix::fs::FileExt;
 
 use crc32fast::Hasher;
 use mcap::records::{Record, op};
-use mcap::{Attachment, McapError, McapResult};
+use mcap::{Attachment, MAGIC, McapError, McapResult};
 
 use crate::attachment;
 use crate::content::{Entry, Visit, WithoutPayloads, visit_chunk, visit_record};
@@ -22,7 +22,7 @@ use crate::lengths;
 pub(crate) use crate::lengths::{MESSAGE_HEAD_BYTES, RECORD_HEAD_BYTES};
 
 /// The first opcode that MCAP leaves to programs.
-const PRIVATE: u8 = 0x80;
+pub(crate) const PRIVATE: u8 = 0x80;
 
 /// The length of the head of a chunk without compression, in bytes.
 pub(crate) const CHUNK_HEAD_BYTES: usize = 8 + 8 + 8 + 4 + 4 + 8;
@@ -104,6 +104,13 @@ pub(crate) fn of_read(read: io::Result<()>) -> McapResult<()> {
     })
 }
 
+/// Whether a file of `end` bytes has the last bytes of a bag.
+pub(crate) fn ends_in_order(file: &File, end: u64) -> bool {
+    let mut magic = [0; MAGIC.len()];
+    let at = end.saturating_sub(MAGIC.len() as u64);
+    file.read_exact_at(&mut magic, at).is_ok() && magic == MAGIC
+}
+
 /// Adds a part of a file to a checksum. It is not kept in memory.
 pub(crate) fn hash_part(file: &File, part: Range<u64>, crc: &mut Hasher) -> McapResult<()> {
     let mut bytes = vec![0; PART_BYTES];
@@ -144,14 +151,14 @@ impl RawRecord {
         match self.opcode {
             // A zero opcode is not legal: this part of the file was never written.
             0 => return Err(McapError::UnexpectedEof),
-            op::HEADER | op::MESSAGE_INDEX => {}
+            op::HEADER | op::MESSAGE_INDEX => self.verify_lengths()?,
             op::SCHEMA | op::CHANNEL | op::MESSAGE | op::CHUNK | op::METADATA => {}
             op::ATTACHMENT => self.attachment().map(drop)?,
             PRIVATE.. => {}
             // The others belong into the summary.
             _ => return Err(McapError::BadIndex),
         }
-        match self.is_mislabelled_chunk() {
+        match self.is_mislabelled_as_private() || self.is_mislabelled_chunk() {
             true => Err(McapError::BadIndex),
             false => Ok(()),
         }
@@ -175,9 +182,32 @@ impl RawRecord {
         self.opcode == op::MESSAGE && said == has && has.is_some_and(|it| it % 16 == 0)
     }
 
-    /// Whether further records are in this one, because its length is wrong.
-    pub(crate) fn hides_records(&self) -> bool {
-        lengths::hides_records(self.opcode, &self.bytes[RECORD_HEAD_BYTES..])
+    /// Fails if the lengths of the fields do not fit into this record.
+    fn verify_lengths(&self) -> McapResult<()> {
+        lengths::check(self.opcode, &self.bytes[RECORD_HEAD_BYTES..]).map(drop)
+    }
+
+    /// The bytes behind the fields of a record whose fields say where they end.
+    pub(crate) fn behind_fields(&self) -> Option<&[u8]> {
+        lengths::behind_fields(self.opcode, &self.bytes[RECORD_HEAD_BYTES..])
+    }
+
+    /// Whether a checksum, or a second length, shows that the length of this record is wrong.
+    pub(crate) const fn has_checked_length(&self) -> bool {
+        matches!(self.opcode, op::CHUNK | op::ATTACHMENT | op::DATA_END)
+    }
+
+    /// Whether this is a record of MCAP with an opcode that MCAP leaves to programs: by its lengths.
+    fn is_mislabelled_as_private(&self) -> bool {
+        let (opcode, body) = (self.opcode & !PRIVATE, &self.bytes[RECORD_HEAD_BYTES..]);
+        let is_exact = || lengths::behind_fields(opcode, body).is_some_and(<[u8]>::is_empty);
+        self.opcode >= PRIVATE
+            && match opcode {
+                op::CHUNK => ChunkShape::of(&self.bytes).is_some_and(|it| it.is_consistent()),
+                op::SCHEMA | op::CHANNEL | op::METADATA => is_exact(),
+                op::ATTACHMENT => attachment::parse(body).is_ok(),
+                _ => false,
+            }
     }
 
     /// Whether this is a chunk with a wrong opcode: by its lengths and its checksum.
@@ -286,6 +316,23 @@ pub(crate) fn chunk_len_by_content(bytes: &[u8]) -> Option<u64> {
     let shape = ChunkShape::of(bytes)?;
     let head = RECORD_HEAD_BYTES + CHUNK_HEAD_BYTES + shape.compression.len();
     shape.stored_bytes.checked_add(head as u64)
+}
+
+/// Whether the last `left` bytes of a file, which cannot be read, are what a recorder leaves that is killed: a part of
+/// a record, or nothing but room. Otherwise they begin with a record that has changed. They begin with `head`, which
+/// has [`CHUNK_SHAPE_BYTES`] if there are so many.
+pub(crate) fn is_unfinished(head: &[u8], left: u64) -> bool {
+    let Some(&[opcode, ref len @ ..]) = head.first_chunk::<RECORD_HEAD_BYTES>() else {
+        return true;
+    };
+    let is_cut = u64::from_le_bytes(*len) > left - RECORD_HEAD_BYTES as u64;
+    let is_of_data = matches!(opcode, op::HEADER | op::SCHEMA..=op::MESSAGE_INDEX)
+        || matches!(
+            opcode,
+            op::ATTACHMENT | op::METADATA | op::DATA_END | PRIVATE
+        );
+    let fits = || opcode != op::CHUNK || ChunkShape::of(head).is_none_or(|it| it.is_consistent());
+    opcode == 0 || is_cut && is_of_data && fits()
 }
 
 #[cfg(test)]

@@ -164,7 +164,8 @@ fn write(
     for (number, (bag, parts)) in bags.iter().zip(&damaged).enumerate() {
         let read = |channel| read.get(&(number, channel)).copied().unwrap_or_default();
         let mut gaps = bag.gaps_of(parts, read);
-        gaps.retain(|(topic, _)| has_all_times && filter.has_topic(topic));
+        let is_damaged = has_all_times && !parts.is_empty();
+        gaps.retain(|(topic, _)| is_damaged && filter.has_topic(topic));
         for (_, gap) in &mut gaps {
             (gap.from_ns, gap.to_ns) = (new.shift.apply(gap.from_ns), new.shift.apply(gap.to_ns));
         }

@@ -28,7 +28,8 @@ const fn fields(opcode: u8) -> &'static [Field] {
         op::HEADER => &[Text, Text],
         // An array of numbers has the shape of a text.
         op::MESSAGE_INDEX => &[Numbers(2), Text],
-        op::SCHEMA => &[Numbers(2), Text, Text],
+        // The content of a schema has the shape of a text.
+        op::SCHEMA => &[Numbers(2), Text, Text, Text],
         op::CHANNEL => &[Numbers(4), Text, Text, TextMap],
         op::CHUNK => &[Numbers(28), Text],
         // The numbers of a chunk index enclose a map of numbers, which has the shape of a text.
@@ -46,29 +47,18 @@ pub(crate) fn parse(opcode: u8, body: &[u8]) -> McapResult<Record<'_>> {
     mcap::parse_record(opcode, body)
 }
 
-/// Whether the body of a header or of a message index has further records behind its fields, up to its end: then the
-/// length of the record is wrong.
-pub(crate) fn hides_records(opcode: u8, body: &[u8]) -> bool {
-    let Ok(mut rest) = check(opcode, body) else {
-        return false;
-    };
-    if !matches!(opcode, op::HEADER | op::MESSAGE_INDEX) || rest.is_empty() {
-        return false;
-    }
-    while let Some((head, behind)) = rest.split_first_chunk::<RECORD_HEAD_BYTES>() {
-        let [opcode, len @ ..] = *head;
-        let len = usize::try_from(u64::from_le_bytes(len));
-        let after = len.ok().and_then(|it| behind.get(it..));
-        match after {
-            Some(after) if (op::HEADER..=op::DATA_END).contains(&opcode) => rest = after,
-            _ => return false,
-        }
-    }
-    rest.is_empty()
+/// The bytes behind the fields of a record whose fields say where they end, if they fit into it; `None` of a record of
+/// another kind. A later version of MCAP may append fields, so there can be some, but no program is known to write any.
+pub(crate) fn behind_fields(opcode: u8, body: &[u8]) -> Option<&[u8]> {
+    let says_end = matches!(
+        opcode,
+        op::HEADER | op::MESSAGE_INDEX | op::SCHEMA | op::CHANNEL | op::METADATA
+    );
+    check(opcode, body).ok().filter(|_| says_end)
 }
 
 /// Fails if a length in the body is longer than the bytes behind it. Returns the bytes behind the fields.
-fn check(opcode: u8, mut body: &[u8]) -> McapResult<&[u8]> {
+pub(crate) fn check(opcode: u8, mut body: &[u8]) -> McapResult<&[u8]> {
     for field in fields(opcode) {
         body = match *field {
             Field::Numbers(len) => split(body, len)?.1,

@@ -89,6 +89,7 @@ pub mod fuzz;
 mod gap;
 mod incident_record;
 mod index;
+mod landmarks;
 mod latched;
 mod lengths;
 mod merged;

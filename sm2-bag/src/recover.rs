@@ -76,7 +76,8 @@ pub(crate) fn copy(
     let profile = Profile::of_channels(channels.values().map(AsRef::as_ref));
     let mut writer = write_options(Compression::None, profile).create(BufWriter::new(to))?;
     // A damaged part may have the record of a channel that is described nowhere else but in the summary.
-    if !scan.damaged.is_empty() {
+    let damaged: Vec<_> = scan.damaged().cloned().collect();
+    if !damaged.is_empty() {
         write_channels(&mut writer, scan)?;
     }
     for part in scan.readable(from.metadata()?.len()) {
@@ -96,8 +97,8 @@ pub(crate) fn copy(
         }
     }
     let read = |channel| scan.counts.get(&channel).map_or(0, |it| it.messages);
-    let gaps = summary.map(|bag| bag.gaps_of(&scan.damaged, read));
-    damaged::write(&mut writer, &scan.damaged, &gaps.unwrap_or_default())?;
+    let gaps = summary.map(|bag| bag.gaps_of(&damaged, read));
+    damaged::write(&mut writer, &damaged, &gaps.unwrap_or_default())?;
     write_counts(&mut writer, &scan.counts)?;
     writer.finish()?;
     writer.into_inner().flush()?;
@@ -136,3 +137,6 @@ fn write_entry<W: Write + Seek>(writer: &mut Writer<W>, entry: Entry<'_>) -> Mca
     }
     Ok(())
 }
+
+#[cfg(test)]
+mod tests;

@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, HashMap};
 use std::fs::File;
 use std::ops::Range;
+use std::os::unix::fs::FileExt;
 use std::path::Path;
 use std::sync::Arc;
 
@@ -10,13 +11,14 @@ use mcap::records::{ChunkIndex, Metadata, Record, op};
 use mcap::{Channel, MAGIC, McapError, McapResult, Schema, Summary};
 
 use crate::checksum;
-use crate::chunk::{RECORD_HEAD_BYTES, RawRecord, RecordReader};
+use crate::chunk::{self, CHUNK_SHAPE_BYTES, RECORD_HEAD_BYTES, RawRecord, RecordReader, of_read};
 use crate::content::{Entry, WithoutPayloads};
 use crate::damaged::DamagedPart;
 use crate::error::{ReadError, is_of_system};
+use crate::landmarks::Landmarks;
 use crate::observer::{Observer, report_progress};
 use crate::report::{Counts, widen};
-use crate::resync::Resync;
+use crate::resync::{Resync, Unreadable};
 
 /// Messages that are in no chunk are read together up to this length, in bytes.
 const RUN_BYTES: u64 = 1 << 20;
@@ -41,6 +43,8 @@ pub(crate) struct Scan {
     pub(crate) damaged: Vec<DamagedPart>,
     /// The unreadable end of a file whose data do not end in order. It may be empty.
     pub(crate) torn: Option<DamagedPart>,
+    /// Whether a recorder that is killed leaves such an end.
+    pub(crate) is_unfinished: bool,
     /// The fault, if the checksum over all records is wrong, and none of them shows damage.
     pub(crate) wrong_crc: Option<McapError>,
 }
@@ -61,14 +65,13 @@ impl Scan {
     ) -> Result<Self, ReadError> {
         let failed = |error| ReadError::io(path, error);
         let mut scan = Self::default();
-        if let Some(known) = known {
-            (scan.summary.schemas, scan.summary.channels) = (known.schemas, known.channels);
-        }
+        let known = known.unwrap_or_default();
+        let mut resync = Resync::new(file, end, Landmarks::of(&known));
+        (scan.summary.schemas, scan.summary.channels) = (known.schemas, known.channels);
         if end < MAGIC.len() as u64 {
             scan.torn = Some(DamagedPart::new((0, end), &McapError::UnexpectedEof));
             return Ok(scan);
         }
-        let mut resync = Resync::new(file, end);
         let mut crc = crc32fast::Hasher::new();
         crc.update(MAGIC);
         let mut at = MAGIC.len() as u64;
@@ -76,45 +79,54 @@ impl Scan {
         let mut certain = at;
         let mut is_behind_chunk = false;
         loop {
-            let (len_bytes, error) = match RecordReader::new(file, at, end).next() {
-                Ok(Some(record)) if record.is_data_end() => {
+            let read = match RecordReader::new(file, at, end).next() {
+                Err(error) if is_of_system(&error) => return Err(failed(error)),
+                read => read,
+            };
+            let wrong = match &read {
+                Ok(Some(record)) => resync.is_wrong(record).map_err(failed)?,
+                _ => None,
+            };
+            let added = match wrong {
+                Some(wrong) => Err((wrong, McapError::BadIndex)),
+                None => scan.add_next(at, read, is_behind_chunk),
+            };
+            let (damaged, error) = match added {
+                Ok(record) if record.is_data_end() => {
                     scan.compare(&record, crc.finalize());
                     return Ok(scan);
                 }
-                // Its length is not to be believed.
-                Ok(Some(record)) if record.hides_records() => (None, McapError::BadIndex),
-                Ok(Some(record)) if is_behind_chunk && record.is_mislabelled_index() => {
-                    (Some(record.len_bytes()), McapError::BadIndex)
-                }
-                Ok(Some(record)) => match scan.add(&record) {
-                    Ok(()) => {
-                        is_behind_chunk = matches!(record.opcode, op::CHUNK | op::MESSAGE_INDEX);
-                        crc.update(record.bytes());
-                        at += record.len_bytes();
-                        if matches!(record.opcode, op::CHUNK | op::MESSAGE) {
-                            certain = at;
-                        }
-                        report_progress(observer, record.len_bytes())?;
-                        continue;
+                Ok(record) => {
+                    is_behind_chunk = matches!(record.opcode, op::CHUNK | op::MESSAGE_INDEX);
+                    crc.update(record.bytes());
+                    at += record.len_bytes();
+                    if matches!(record.opcode, op::CHUNK | op::MESSAGE) {
+                        certain = at;
                     }
-                    Err(error) => (Some(record.len_bytes()), error),
-                },
-                Ok(None) => (None, McapError::UnexpectedEof),
-                Err(error) if is_of_system(&error) => return Err(failed(error)),
-                Err(error) => (None, error),
+                    report_progress(observer, record.len_bytes())?;
+                    continue;
+                }
+                Err(damaged) => damaged,
             };
-            let next = resync.behind(certain, at, len_bytes).map_err(failed)?;
+            let next = resync.behind(certain, damaged).map_err(failed)?;
             let to = next.unwrap_or(end);
             let from = if to < at { certain } else { at };
             let part = DamagedPart::new((from, to - from), &error);
             report_progress(observer, to.saturating_sub(at))?;
             (certain, at) = (to, to);
             if next.is_none() {
+                scan.is_unfinished = is_unfinished(file, from, end).map_err(failed)?;
                 scan.torn = Some(part);
                 return Ok(scan);
             }
             scan.damaged.push(part);
         }
+    }
+
+    /// The damaged parts. The unfinished end of a file whose recorder was killed is none.
+    pub(crate) fn damaged(&self) -> impl Iterator<Item = &DamagedPart> {
+        let torn = self.torn.iter().filter(|_| !self.is_unfinished);
+        self.damaged.iter().chain(torn)
     }
 
     /// The parts that can be read of a file of `end` bytes.
@@ -127,6 +139,34 @@ impl Scan {
         }
         parts.push(from..end);
         parts
+    }
+
+    /// Adds the record that was read at a place, unless it is damaged.
+    fn add_next(
+        &mut self,
+        offset: u64,
+        read: McapResult<Option<RawRecord>>,
+        is_behind_chunk: bool,
+    ) -> Result<RawRecord, (Unreadable, McapError)> {
+        let unreadable = |len_bytes, error| {
+            let unreadable = Unreadable {
+                offset,
+                len_bytes,
+                fields_len_bytes: None,
+            };
+            (unreadable, error)
+        };
+        let read = read.and_then(|it| it.ok_or(McapError::UnexpectedEof));
+        let record = read.map_err(|error| unreadable(None, error))?;
+        let added = match is_behind_chunk && record.is_mislabelled_index() {
+            true => Err(McapError::BadIndex),
+            false if record.is_data_end() => Ok(()),
+            false => self.add(&record),
+        };
+        match added {
+            Ok(()) => Ok(record),
+            Err(error) => Err(unreadable(Some(record.len_bytes()), error)),
+        }
     }
 
     /// Compares the checksum of all records with that of the record which ends the data.
@@ -250,6 +290,15 @@ impl Scan {
         }
         Ok(())
     }
+}
+
+/// Whether a file of `end` bytes, which cannot be read from this place on, ends as a recorder leaves it that is killed.
+fn is_unfinished(file: &File, from: u64, end: u64) -> McapResult<bool> {
+    let left = end.saturating_sub(from);
+    let mut head = [0; CHUNK_SHAPE_BYTES];
+    let head = &mut head[..left.min(CHUNK_SHAPE_BYTES as u64) as usize];
+    of_read(file.read_exact_at(head, from))?;
+    Ok(!chunk::ends_in_order(file, end) && chunk::is_unfinished(head, left))
 }
 
 /// The content of one record, which counts once the record was read to its end.

@@ -115,7 +115,8 @@ fn check_file(
                 true => summary_damage(&bag, &scan),
                 false => None,
             });
-            bag.with_damaged(scan.damaged)
+            let damaged = scan.damaged().cloned().collect();
+            bag.with_damaged(damaged)
         }
         None => {
             let summary = summary::read(&file, end);
