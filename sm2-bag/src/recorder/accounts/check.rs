@@ -133,12 +133,14 @@ pub(super) fn damage(path: &Path, talkers: &Talkers, random: &mut Random) {
     let [torn, recovered] = ["torn", "recovered"].map(|it| path.with_file_name(it));
     for _ in 0..3 {
         let mut bytes = bytes.clone();
-        if random.one_in(4) {
-            bytes.truncate(random.below(bytes.len() as u64) as usize);
-        } else {
-            for _ in 0..=random.below(3) {
-                let at = random.below(bytes.len() as u64) as usize;
-                bytes[at] ^= 1 << random.below(8);
+        match random.below(8) {
+            0 | 1 => bytes.truncate(random.below(bytes.len() as u64) as usize),
+            2 | 3 => lengthen(&mut bytes, random),
+            _ => {
+                for _ in 0..=random.below(3) {
+                    let at = random.below(bytes.len() as u64) as usize;
+                    bytes[at] ^= 1 << random.below(8);
+                }
             }
         }
         fs::write(&torn, &bytes).unwrap();
@@ -169,6 +171,20 @@ pub(super) fn damage(path: &Path, talkers: &Talkers, random: &mut Random) {
         );
         assert_eq!(numbers(&copied), numbers(&left));
     }
+}
+
+/// Changes the length of a record, so that it ends where a later one begins.
+fn lengthen(bytes: &mut [u8], random: &mut Random) {
+    let head = 9;
+    let (mut begins, mut at) = (Vec::new(), mcap::MAGIC.len());
+    while let Some(len) = bytes.get(at + 1..).and_then(|it| it.first_chunk()) {
+        begins.push(at);
+        at = at.saturating_add(head + u64::from_le_bytes(*len) as usize);
+    }
+    let number = random.below(begins.len() as u64 - 1) as usize;
+    let (at, behind) = (begins[number], &begins[number + 1..]);
+    let len = (random.pick(behind) - at - head) as u64;
+    bytes[at + 1..][..8].copy_from_slice(&len.to_le_bytes());
 }
 
 /// The messages of all publishers that have some. A gap is a metadata record, and MCAP has no checksum for it.
