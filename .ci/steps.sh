@@ -229,14 +229,16 @@ step_models() {
 
 # AddressSanitizer over the tests of the crates that have unsafe code: all other crates forbid it, or have
 # none (`grep -rnE 'unsafe (\{|fn|impl)' --include=*.rs .`; bench is a workspace of its own). Some tests stay out. The
-# sanitizer makes mlock do nothing (lock) and touches pages of its own (allocation). The others
-# have no unsafe code, and take minutes or wait for a short time only (asynchronous).
+# sanitizer makes mlock do nothing (lock) and touches pages of its own (allocation). One starts an example, and this
+# build has none (testing). The others have no unsafe code, and take minutes or wait for a short time only
+# (asynchronous).
 step_asan() {
     [ "$(uname -sm)" = "Linux x86_64" ] || skip "the sanitizer is set up for Linux on x86_64"
     cargo +nightly --version >/dev/null 2>&1 ||
         skip "no nightly compiler; rustup toolchain install nightly --profile minimal"
     local out=() name
-    for name in lock::a_segment_is_locked lock::a_refusal_says asynchronous:: examples:: quic_link::; do
+    for name in lock::a_segment_is_locked lock::a_refusal_says asynchronous:: examples:: quic_link:: \
+        testing::a_program_connects; do
         out+=(--skip "$name")
     done
     # Threads that still wait at the end of a test own memory: tests/leaks.rs looks for leaks.
