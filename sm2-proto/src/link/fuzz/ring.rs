@@ -362,7 +362,8 @@ impl<'a> Ring<'a> {
             let pick = script.below(8).unwrap_or(0) % self.calls.len().max(1);
             self.calls.iter().nth(pick).copied().unwrap_or(self.id)
         } else {
-            self.id + 1
+            // A message in a cell can have the last id.
+            self.id.saturating_add(1)
         };
         self.id = script.near(right).unwrap_or(right).min(1 << 60);
         let choice = if is_reply { script.byte() } else { None };
