@@ -183,7 +183,9 @@ impl fmt::Debug for CellBytes {
 
 #[cfg(test)]
 mod tests {
-    use alloc::vec::Vec;
+    use alloc::{format, vec::Vec};
+
+    use siphasher::sip::SipHasher24;
 
     use super::*;
 
@@ -209,6 +211,27 @@ mod tests {
             assert_eq!(bytes.as_ptr() as usize % 64, 0);
         }
         assert_eq!(CellWord::new(CELL_MAX + 1, Status::Ok, 1), None);
+    }
+
+    /// The copy of a cell has bytes of older messages behind the payload.
+    #[test]
+    fn only_the_payload_of_copied_bytes_counts() {
+        let copied = |first_word, len| {
+            let mut payload = [u64::MAX; CELL_MAX / 8];
+            payload[0] = first_word;
+            CellView::new(&payload, len).to_bytes()
+        };
+        let hash = |it: &CellBytes| {
+            let mut hasher = SipHasher24::new();
+            it.hash(&mut hasher);
+            hasher.finish()
+        };
+        let (bytes, same, longer) = (copied(0x0201, 1), copied(0x0301, 1), copied(0x0201, 2));
+        assert_eq!(bytes, same);
+        assert_eq!(hash(&bytes), hash(&same));
+        assert_ne!(bytes, longer);
+        assert_ne!(hash(&bytes), hash(&longer));
+        assert_eq!(format!("{longer:?}"), "CellBytes([1, 2])");
     }
 
     #[test]
