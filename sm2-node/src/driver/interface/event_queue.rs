@@ -55,7 +55,8 @@ impl EventQueue {
                 peer: same,
                 messages,
             }) if Arc::ptr_eq(same, peer) => {
-                *messages += lost;
+                // A peer states some of these numbers.
+                *messages = messages.saturating_add(lost);
                 self.is_fresh = true;
             }
             _ => self.push(Event::Lost {
@@ -81,5 +82,37 @@ impl EventQueue {
     #[inline]
     pub(in crate::driver) const fn take_fresh(&mut self) -> bool {
         std::mem::replace(&mut self.is_fresh, false)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use sm2_proto::{Contract, DemandedQos, InterfaceId, Name, NodeId};
+
+    use super::*;
+
+    #[test]
+    fn losses_are_added_up_to_the_greatest_number() {
+        let name = |text| Name::new(text).unwrap();
+        let peer = Arc::new(LinkPeer {
+            node: NodeId(1),
+            name: name("peer"),
+            interface: InterfaceId(1),
+            contract: Contract::Subscriber {
+                topic: name("topic"),
+                data: None,
+                demand: DemandedQos::new(1, 1),
+            },
+        });
+        let mut queue = EventQueue::default();
+        queue.enable();
+        for lost in [2, 0, u64::MAX - 3, 4] {
+            queue.push_loss(&peer, lost);
+        }
+        let Some(Event::Lost { messages, .. }) = queue.pop() else {
+            panic!("one loss");
+        };
+        assert_eq!(messages, u64::MAX);
+        assert!(queue.pop().is_none());
     }
 }
