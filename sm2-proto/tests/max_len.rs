@@ -185,6 +185,8 @@ fn on_the_ring_lane_exactly_the_maximum_is_accepted() {
     for (len, in_head, expected) in [
         (LEAST, LEAST, Ok(LEAST)),
         (LEAST, LEAST + 1, Err(TOO_LONG)),
+        // The longest one of its slot.
+        (LEAST, 4_096 - 64, Err(TOO_LONG)),
         // The limits of the slot and of the protocol come first.
         (
             LEAST,
