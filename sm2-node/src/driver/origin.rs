@@ -71,3 +71,21 @@ pub(crate) trait GiveBack: fmt::Debug + Send + Sync {
     /// Gives back the message with this sequence number, for the application.
     fn give_back(&self, link: LinkToken, sequence: u64);
 }
+
+/// The other end of a link, for tests.
+#[cfg(test)]
+pub(crate) fn any_peer() -> Arc<LinkPeer> {
+    use sm2_proto::{Contract, DemandedQos, InterfaceId, Name, NodeId};
+
+    let name = |text| Name::new(text).unwrap();
+    Arc::new(LinkPeer {
+        node: NodeId(1),
+        name: name("peer"),
+        interface: InterfaceId(1),
+        contract: Contract::Subscriber {
+            topic: name("topic"),
+            data: None,
+            demand: DemandedQos::new(1, 1),
+        },
+    })
+}

@@ -87,23 +87,12 @@ impl EventQueue {
 
 #[cfg(test)]
 mod tests {
-    use sm2_proto::{Contract, DemandedQos, InterfaceId, Name, NodeId};
-
     use super::*;
+    use crate::driver::origin::any_peer;
 
     #[test]
     fn losses_are_added_up_to_the_greatest_number() {
-        let name = |text| Name::new(text).unwrap();
-        let peer = Arc::new(LinkPeer {
-            node: NodeId(1),
-            name: name("peer"),
-            interface: InterfaceId(1),
-            contract: Contract::Subscriber {
-                topic: name("topic"),
-                data: None,
-                demand: DemandedQos::new(1, 1),
-            },
-        });
+        let peer = any_peer();
         let mut queue = EventQueue::default();
         queue.enable();
         for lost in [2, 0, u64::MAX - 3, 4] {

@@ -61,11 +61,8 @@ mod tests {
     use std::collections::HashSet;
     use std::sync::Weak;
 
-    use sm2_proto::control::LinkPeer;
-    use sm2_proto::{Contract, DemandedQos, InterfaceId, Name, NodeId};
-
     use super::*;
-    use crate::driver::origin::GiveBack;
+    use crate::driver::origin::{GiveBack, any_peer};
     use crate::driver::token::LinkToken;
 
     #[derive(Debug)]
@@ -83,20 +80,9 @@ mod tests {
     #[test]
     fn a_copy_is_used_again_once_its_message_is_dropped() {
         let interface: Weak<Nothing> = Weak::new();
-        let name = |text| Name::new(text).unwrap();
-        let peer = LinkPeer {
-            node: NodeId(1),
-            name: name("peer"),
-            interface: InterfaceId(1),
-            contract: Contract::Subscriber {
-                topic: name("topic"),
-                data: None,
-                demand: DemandedQos::new(1, 1),
-            },
-        };
         let origin = Arc::new(Origin {
             token: LinkToken(1),
-            peer: Arc::new(peer),
+            peer: any_peer(),
             interface,
         });
         let mut cells = Cells::default();
